@@ -1,0 +1,28 @@
+#pragma once
+// Files and folders that are whole or not there: written aside, flushed, renamed.
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string_view>
+
+#include "common/base/status.h"
+
+namespace panofix {
+
+// Writes `path` through a temporary sibling, fsync and rename, and syncs the folder. kNoSpace on a
+// full disk; the old file stays as it was on any failure.
+[[nodiscard]] Status WriteFileAtomically(const std::filesystem::path& path,
+                                         std::span<const std::uint8_t> bytes);
+[[nodiscard]] Status WriteFileAtomically(const std::filesystem::path& path, std::string_view text);
+
+// Flushes a finished file (or folder) to disk.
+[[nodiscard]] Status SyncPath(const std::filesystem::path& path);
+
+// Puts the finished folder `staged` in the place of `target` by one rename: a target that exists is
+// exchanged in one step (renameat2 RENAME_EXCHANGE) and then removed, so that a reader sees the old
+// or the new whole folder. Both must lie on one file system.
+[[nodiscard]] Status PublishDirectory(const std::filesystem::path& staged,
+                                      const std::filesystem::path& target);
+
+}  // namespace panofix

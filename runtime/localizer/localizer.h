@@ -1,0 +1,94 @@
+#pragma once
+// The runtime's public door: camera frames in, georeferenced poses or reasons out.
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/camera/camera.h"
+#include "common/drive/poses_csv.h"
+#include "common/geo/map_frame.h"
+#include "common/io/gray_image.h"
+
+namespace panofix {
+
+struct LocalizerOptions {
+  std::string preset = "default";  // "default" or "paper"
+  int num_threads = 0;             // 0 = all cores
+  std::uint64_t seed = 1;          // of the robust search; same frames, same poses
+  void Check() const;              // throws std::invalid_argument
+};
+
+// Wall time by stage, milliseconds.
+struct StageLatency {
+  double preprocess_ms = 0, features_ms = 0, retrieval_ms = 0, matching_ms = 0, pose_ms = 0, total_ms = 0;
+};
+
+struct FramePose {
+  Geodetic position;
+  Attitude attitude;
+  Eigen::Quaterniond enu_from_cam;
+  Eigen::Vector3d position_in_map;     // of the camera's centre
+  Eigen::Quaterniond map_from_cam;
+  // ROS order x y z rotX rotY rotZ, row-major when written; map axes, metres and radians.
+  Eigen::Matrix<double, 6, 6> covariance_in_map;
+};
+
+struct FrameResult {
+  std::int64_t timestamp_ns = 0;
+  FixStatus status = FixStatus::kNoFix;
+  std::string reason;              // snake_case word, e.g. "too_few_inliers"; empty on a fix
+  std::optional<FramePose> pose;   // absent exactly where status is kNoFix
+  int num_inliers = 0, num_views = 0;
+  std::string best_panorama;
+  StageLatency latency;
+  std::int64_t num_compared = 0;   // database views that the retrieval looked at
+  std::int64_t num_database = 0;   // views in the map
+};
+
+// What a bundle says of itself, for messages and logs.
+struct BundleIdentity {
+  std::string name;
+  std::string id;                  // SHA-256 of the manifest, hex
+  std::int64_t build = 0;
+  bool is_signed = false;
+  std::size_t num_panoramas = 0, num_views = 0;
+};
+
+// One localizer serves one camera: it remembers where the last frames were. Not thread-safe; no
+// exception leaves it.
+class Localizer {
+ public:
+  // Verifies versions and hashes, then maps the bundle read-only.
+  [[nodiscard]] static Result<std::unique_ptr<Localizer>> Open(const std::filesystem::path& bundle,
+                                                               const Camera& camera,
+                                                               const LocalizerOptions& options);
+  // Camera that the bundle's views were cut for: the default where none is given.
+  [[nodiscard]] static Result<Camera> ReadBundleCamera(const std::filesystem::path& bundle);
+  ~Localizer();
+  Localizer(const Localizer&) = delete;
+  Localizer& operator=(const Localizer&) = delete;
+
+  // Never fails: a frame of another size than the camera, or an empty one, is kNoFix with its reason.
+  [[nodiscard]] FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame);
+  // A frame that could not be decoded still gets its row.
+  [[nodiscard]] FrameResult Undecodable(std::int64_t timestamp_ns) const;
+  [[nodiscard]] const BundleIdentity& bundle() const;
+  [[nodiscard]] const Camera& camera() const;
+
+ private:
+  struct Impl;
+  explicit Localizer(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+// The row of poses.csv that a result stands for.
+[[nodiscard]] PoseRow ToPoseRow(const FrameResult& result);
+
+}  // namespace panofix
