@@ -2,6 +2,7 @@
 // The panorama data set: panoramas.geojson or .geojsonl, read as a stream and checked.
 
 #include <filesystem>
+#include <iosfwd>
 #include <string>
 #include <vector>
 
@@ -36,12 +37,16 @@ struct PanoramaSet {
 
 // Streams the file (memory: one feature), reading GeoJSON or GeoJSONSeq by content, not by name.
 // A feature that breaks a rule (no or duplicate id, latitude out of range, non-finite number, no
-// image) is set aside; of a duplicate id every copy is. Links to unknown ids are dropped later, in the
-// pipeline. Fails where the file itself cannot be read or parsed, or holds no panorama at all.
+// image) is set aside; of a duplicate id every copy is. Links to unknown ids are dropped later, in
+// the pipeline. Fails where the file itself cannot be read or parsed, or holds no panorama at all.
 [[nodiscard]] Result<PanoramaSet> ReadPanoramaSet(const std::filesystem::path& path);
+// The same from an open stream; `path` names it in messages and its folder resolves the records'
+// paths.
+[[nodiscard]] Result<PanoramaSet> ParsePanoramaSet(std::istream& stream,
+                                                   const std::filesystem::path& path);
 
-// The checks that need the panorama's files: image there, JPEG or PNG, width = 2 x height. Cheap: reads
-// headers only. Ok, or the reason to set it aside.
+// The checks that need the panorama's files: image there, JPEG or PNG, width = 2 x height; a stated
+// mask there, JPEG or PNG. Cheap: reads headers only. Ok, or the reason to set it aside.
 [[nodiscard]] Status CheckPanoramaFiles(const PanoramaRecord& record);
 
 }  // namespace panofix

@@ -30,8 +30,8 @@ struct Drive {
   std::vector<TruthPose> truth;  // empty where there is no truth.csv
 };
 
-// Reads DIR/frames.csv, DIR/camera.yaml and, if there, DIR/truth.csv. Column order is free, names are
-// not; unknown columns are ignored. Failures name the file, the line and the mend.
+// Reads DIR/frames.csv, DIR/camera.yaml and, if there, DIR/truth.csv. Column order is free, names
+// are not; unknown columns are ignored. Failures name the file, the line and the mend.
 [[nodiscard]] Result<Drive> ReadDrive(const std::filesystem::path& directory);
 
 }  // namespace panofix

@@ -20,8 +20,8 @@ enum class FixStatus { kFix, kDegraded, kNoFix };
 // The pose columns of one row.
 struct PoseColumns {
   Geodetic position;
-  Attitude attitude;                  // of the camera's body
-  Eigen::Quaterniond enu_from_cam;    // columns qx qy qz qw
+  Attitude attitude;                                                 // of the camera's body
+  Eigen::Quaterniond enu_from_cam = Eigen::Quaterniond::Identity();  // columns qx qy qz qw
   double sigma_east_m = 0, sigma_north_m = 0, sigma_up_m = 0, sigma_heading_deg = 0;
 };
 
@@ -36,11 +36,15 @@ struct PoseRow {
 };
 
 enum class PoseFormat { kCsv, kTum, kGeoJson, kGpx };
-[[nodiscard]] Result<PoseFormat> ParsePoseFormat(const std::string& name);  // csv, tum, geojson, gpx
+[[nodiscard]] Result<PoseFormat> ParsePoseFormat(
+    const std::string& name);  // csv, tum, geojson, gpx
 
 // The text of a whole file. TUM positions are local metres east, north, up of the first pose (a
 // comment line gives its origin); rows without a pose are left out of all formats but csv.
 [[nodiscard]] std::string FormatPoses(const std::vector<PoseRow>& rows, PoseFormat format);
+// The same csv piece by piece, for a file that grows; each ends in a line break.
+[[nodiscard]] std::string PosesCsvHeader();
+[[nodiscard]] std::string PosesCsvRow(const PoseRow& row);
 // Reads what FormatPoses(…, kCsv) wrote.
 [[nodiscard]] Result<std::vector<PoseRow>> ReadPosesCsv(const std::filesystem::path& path);
 

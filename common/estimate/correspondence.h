@@ -18,16 +18,18 @@ struct Correspondence {
   double keypoint_sigma = 1e-3;  // of the bearing, i.e. sigma_px / f
   int panorama_idx = -1;         // which panorama vouches for the point; -1 = none
   int view_idx = -1;             // which database view it was matched in
-  // From the panorama's centre to the point, in map axes: what a shift of the panorama's pose acts on.
+  // From the panorama's centre to the point, in map axes: what a shift of the panorama's pose acts
+  // on.
   Eigen::Vector3d lever_in_map = Eigen::Vector3d::Zero();
 };
 
 // 2x2 covariance of the bearing residual at a pose: keypoint noise plus the point's covariance
 // through the projection's Jacobian.
-[[nodiscard]] Eigen::Matrix2d ResidualCovariance(const Correspondence& match, const Rigid3& cam_from_map);
+[[nodiscard]] Eigen::Matrix2d ResidualCovariance(const Correspondence& match,
+                                                 const Rigid3& cam_from_map);
 
-// Residual projection - bearing (normalised coordinates); false where the point is behind the camera
-// (z < 0.1 m).
+// Residual projection - bearing (normalised coordinates); false where the point is behind the
+// camera (z < 0.1 m).
 [[nodiscard]] bool BearingResidual(const Correspondence& match, const Rigid3& cam_from_map,
                                    Eigen::Vector2d* residual);
 

@@ -13,27 +13,28 @@
 namespace panofix {
 
 // All poses cam_from_map (at most 4) that put three points on three unit rays: P3P by Grunert's
-// distance equations with a polished quartic (Haralick et al., "Review and analysis of solutions of the
-// three point perspective pose estimation problem", IJCV 1994). Empty for degenerate triangles.
+// distance equations with a polished quartic (Haralick et al., "Review and analysis of solutions of
+// the three point perspective pose estimation problem", IJCV 1994). Empty for degenerate triangles.
 [[nodiscard]] std::vector<Rigid3> SolveP3p(const std::array<Eigen::Vector3d, 3>& rays_in_cam,
                                            const std::array<Eigen::Vector3d, 3>& points_in_map);
 
-// EPnP (Lepetit, Moreno-Noguer, Fua, IJCV 2009; OpenCV's) from 4 or more matches; false where it fails.
+// EPnP (Lepetit, Moreno-Noguer, Fua, IJCV 2009; OpenCV's) from 4 or more matches; false where it
+// fails.
 [[nodiscard]] bool SolveEpnp(std::span<const Correspondence> matches, Rigid3* cam_from_map);
 
 enum class MinimalSolver { kP3p, kEpnp };
 
 struct RansacOptions {
   MinimalSolver minimal_solver = MinimalSolver::kP3p;  // kEpnp draws 5: the paper's EPnP-RANSAC
-  double max_reproj_error_px = 3.0;   // inlier threshold in pixels
-  double focal_px = 500;              // turns it into normalised units
+  double max_reproj_error_px = 3.0;                    // inlier threshold in pixels
+  double focal_px = 500;                               // turns it into normalised units
   int min_iterations = 50;
-  int max_iterations = 2000;          // bound on time
+  int max_iterations = 2000;            // bound on time
   double success_probability = 0.9999;  // ends early once an all-inlier sample is this likely
-  int min_inliers = 6;                // below it there is no pose
-  int local_optimizations = 4;        // LO-RANSAC rounds on each new best; 0 = plain RANSAC
+  int min_inliers = 6;                  // below it there is no pose
+  int local_optimizations = 4;          // LO-RANSAC rounds on each new best; 0 = plain RANSAC
   std::uint64_t seed = 1;
-  void Check() const;                 // throws std::invalid_argument naming field, value, rule
+  void Check() const;  // throws std::invalid_argument naming field, value, rule
 };
 
 struct RansacResult {

@@ -15,8 +15,9 @@ namespace panofix {
 [[nodiscard]] double TukeyRho(double x, double t);
 [[nodiscard]] double TukeyWeight(double x, double t);  // rho'(x)/x
 
-// 6-vector order everywhere here: translation x y z (metres, map axes), then rotation x y z (radians,
-// map axes): a perturbed pose is position + delta_t, map_from_cam = Exp(delta_r) * map_from_cam.
+// 6-vector order everywhere here: translation x y z (metres, map axes), then rotation x y z
+// (radians, map axes): a perturbed pose is position + delta_t, map_from_cam = Exp(delta_r) *
+// map_from_cam.
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 struct RefineOptions {
@@ -24,8 +25,10 @@ struct RefineOptions {
   double anneal_start = 4.0;    // first pass uses tukey_t times this, halved each pass to 1
   int max_iterations = 50;      // over all passes
   bool use_point_sigma = true;  // false: pixels only, the paper's
-  // Optional priors on the camera's roll and pitch (gravity), radians 1-sigma; <= 0 is off.
+  // Optional prior on the camera's roll and pitch (gravity), radians 1-sigma; <= 0 is off. It says
+  // that the map's z axis points along `up_in_cam`: the default is a level camera.
   double gravity_sigma_rad = 0;
+  Eigen::Vector3d up_in_cam{0, -1, 0};
 };
 
 struct RefineResult {
@@ -38,8 +41,8 @@ struct RefineResult {
 };
 
 // Iteratively reweighted Levenberg-Marquardt with analytic Jacobians.
-[[nodiscard]] RefineResult RefinePose(std::span<const Correspondence> matches, const Rigid3& cam_from_map,
-                                      const RefineOptions& options);
+[[nodiscard]] RefineResult RefinePose(std::span<const Correspondence> matches,
+                                      const Rigid3& cam_from_map, const RefineOptions& options);
 
 // Jacobian (2x6) of the bearing residual in the 6-vector above; tested against finite differences.
 [[nodiscard]] Eigen::Matrix<double, 2, 6> BearingJacobian(const Correspondence& match,
@@ -66,9 +69,9 @@ struct BundleResult {
   int num_inliers = 0;
 };
 
-// The local bundle adjustment over all retrieved views (paper, section III-C): the frame's pose and a
-// small 6-DoF correction of each panorama with its prior; points move with their panorama, their own
-// error is in the residual's covariance. Ceres, Schur on the panoramas; deterministic.
+// The local bundle adjustment over all retrieved views (paper, section III-C): the frame's pose and
+// a small 6-DoF correction of each panorama with its prior; points move with their panorama, their
+// own error is in the residual's covariance. Ceres, Schur on the panoramas; deterministic.
 [[nodiscard]] BundleResult LocalBundleAdjustment(std::span<const Correspondence> matches,
                                                  const Rigid3& cam_from_map,
                                                  std::span<const PanoramaPrior> priors,

@@ -12,6 +12,7 @@
 
 namespace panofix {
 
+// A hash built piece by piece; any use after FinishHex throws std::logic_error.
 class Sha256 {
  public:
   Sha256();

@@ -13,8 +13,9 @@
 #include "common/base/status.h"
 #include "common/camera/camera.h"
 #include "common/drive/poses_csv.h"
+#include "common/drive/run_log.h"
 #include "common/geo/map_frame.h"
-#include "common/io/gray_image.h"
+#include "common/image/gray_image.h"
 
 namespace panofix {
 
@@ -23,11 +24,6 @@ struct LocalizerOptions {
   int num_threads = 0;             // 0 = all cores
   std::uint64_t seed = 1;          // of the robust search; same frames, same poses
   void Check() const;              // throws std::invalid_argument
-};
-
-// Wall time by stage, milliseconds.
-struct StageLatency {
-  double preprocess_ms = 0, features_ms = 0, retrieval_ms = 0, matching_ms = 0, pose_ms = 0, total_ms = 0;
 };
 
 struct FramePose {
@@ -88,7 +84,15 @@ class Localizer {
   std::unique_ptr<Impl> impl_;
 };
 
-// The row of poses.csv that a result stands for.
+// One standard deviation of a pose along local east, north, up and of its heading, from its covariance
+// (turned from the map's axes by the meridian convergence).
+struct PoseSigmas {
+  double east_m = 0, north_m = 0, up_m = 0, heading_deg = 0;
+};
+[[nodiscard]] PoseSigmas SigmasOf(const FramePose& pose);
+
+// The row of poses.csv, and the entry of a run log, that a result stands for.
 [[nodiscard]] PoseRow ToPoseRow(const FrameResult& result);
+[[nodiscard]] RunLogEntry ToRunLogEntry(const FrameResult& result);
 
 }  // namespace panofix

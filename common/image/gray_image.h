@@ -24,17 +24,29 @@ struct ImageSize {
 
 struct DecodeLimits {
   std::size_t max_bytes = std::size_t{256} << 20;  // of the encoded file
-  std::int64_t max_pixels = 400'000'000;           // of the full-size image; checked before decoding
+  std::int64_t max_pixels = 400'000'000;  // of the full-size image; checked before decoding
 };
 
-// Size from the header of a JPEG or PNG, without decoding. kBadData where it is neither, or cut short.
+// Size from the header of a JPEG or PNG, without decoding. kBadData where it is neither, or cut
+// short.
 [[nodiscard]] Result<ImageSize> ReadImageSize(std::span<const std::uint8_t> bytes);
 
-// Decodes JPEG or PNG to grey. `reduction` 1, 2, 4 or 8 divides each side while decoding (a JPEG's DCT
-// scaling); pixel (c, r) of the result then covers the same angle as its block of the original.
-// A decoder that stops early (truncated file) is kBadData, never a half-grey image.
+// Decodes JPEG or PNG to grey. `reduction` 1, 2, 4 or 8 divides each side while decoding (a JPEG's
+// DCT scaling); pixel (c, r) of the result then covers its reduction x reduction block of the
+// original, a last block that is cut short counting whole. Orientation tags are not applied. A
+// decoder that stops early (truncated file) is kBadData, never a half-grey image.
 [[nodiscard]] Result<GrayImage> DecodeGray(std::span<const std::uint8_t> bytes, int reduction = 1,
                                            const DecodeLimits& limits = {});
+
+// A 16-bit single-channel raster, row-major as GrayImage.
+struct Gray16Image {
+  int width_px = 0, height_px = 0;
+  std::vector<std::uint16_t> pixels;
+};
+
+// Decodes a PNG of one 16-bit channel; kBadData names what any other image holds.
+[[nodiscard]] Result<Gray16Image> DecodePng16(std::span<const std::uint8_t> bytes,
+                                              const DecodeLimits& limits = {});
 
 // Whole file into memory; kNotFound, kTooLarge, kIo name the file and the mend.
 [[nodiscard]] Result<std::vector<std::uint8_t>> ReadFileBytes(const std::filesystem::path& path,

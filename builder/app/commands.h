@@ -1,0 +1,21 @@
+#pragma once
+// The builder's subcommands: each adds its options to the app and returns what to run once parsed.
+
+#include <functional>
+
+namespace CLI {
+class App;
+}
+
+namespace panofix {
+
+// Returns the exit code; throws Error.
+using Command = std::function<int()>;
+
+Command AddBuildCommand(CLI::App* app);
+Command AddDepthCommand(CLI::App* app);
+Command AddInspectCommand(CLI::App* app);
+Command AddValidateCommand(CLI::App* app);
+Command AddScoreCommand(CLI::App* app);
+
+}  // namespace panofix

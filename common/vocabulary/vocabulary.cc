@@ -1,0 +1,167 @@
+#include "common/vocabulary/vocabulary.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "common/base/log.h"
+#include "common/features/matcher.h"
+
+namespace panofix {
+namespace {
+
+// Counts of equal words, weighted, unit length times `norm`.
+void AppendHalf(std::span<const std::uint32_t> words, const std::vector<float>& idf, float norm,
+                BagOfWords* bag) {
+  std::vector<std::uint32_t> sorted(words.begin(), words.end());
+  std::sort(sorted.begin(), sorted.end());
+  const std::size_t first = bag->size();
+  double sum_sq = 0;
+  for (std::size_t i = 0; i < sorted.size();) {
+    std::size_t j = i;
+    while (j < sorted.size() && sorted[j] == sorted[i]) ++j;
+    const float idf_i = sorted[i] < idf.size() ? idf[sorted[i]] : 0.0F;
+    const float weight = static_cast<float>(j - i) * idf_i;
+    if (weight > 0) {
+      bag->push_back({sorted[i], weight});
+      sum_sq += double{weight} * weight;
+    }
+    i = j;
+  }
+  const float scale = sum_sq > 0 ? norm / static_cast<float>(std::sqrt(sum_sq)) : 0.0F;
+  for (std::size_t i = first; i < bag->size(); ++i) (*bag)[i].weight *= scale;
+}
+
+}  // namespace
+
+std::uint32_t VocabularyTree::Quantize(const std::uint8_t* descriptor) const {
+  std::uint32_t node = 0;
+  while (num_children[node] > 0) {
+    int best = std::numeric_limits<int>::max();
+    std::uint32_t next = first_child[node];
+    for (std::uint32_t child = first_child[node]; child < first_child[node] + num_children[node]; ++child) {
+      const int distance =
+          DescriptorDistanceSq(descriptor, &centroids[std::size_t{child} * kDescriptorSize]);
+      if (distance < best) best = distance, next = child;
+    }
+    node = next;
+  }
+  return word[node];
+}
+
+Status VocabularyTree::Check() const {
+  const std::size_t nodes = first_child.size();
+  if (num_children.size() != nodes || word.size() != nodes || centroids.size() != nodes * kDescriptorSize) {
+    return {ErrorCode::kBadData, "vocabulary tree: arrays disagree in length"};
+  }
+  if (nodes == 0) {
+    return num_words == 0 ? Status() : Status(ErrorCode::kBadData, "vocabulary tree: words without nodes");
+  }
+  for (std::size_t node = 0; node < nodes; ++node) {
+    const std::size_t first = first_child[node], count = num_children[node];
+    // Children come after their parent, so descent ends.
+    const bool sound = count == 0 ? word[node] < num_words : first > node && first + count <= nodes;
+    if (!sound) return {ErrorCode::kBadData, Format("vocabulary tree: node %zu is not sound", node)};
+  }
+  return {};
+}
+
+float Similarity(const BagOfWords& a, const BagOfWords& b) {
+  float sum = 0;
+  for (std::size_t i = 0, j = 0; i < a.size() && j < b.size();) {
+    if (a[i].word < b[j].word) {
+      ++i;
+    } else if (b[j].word < a[i].word) {
+      ++j;
+    } else {
+      sum += a[i++].weight * b[j++].weight;
+    }
+  }
+  return sum;
+}
+
+std::vector<std::uint32_t> Vocabulary::SiftWords(const FeatureSet& features) const {
+  std::vector<std::uint32_t> words;
+  if (sift.empty()) return words;
+  for (std::size_t i = 0; i < features.size(); ++i) words.push_back(sift.Quantize(features.descriptor(i).data()));
+  return words;
+}
+
+std::vector<std::uint32_t> Vocabulary::MserWords(const FeatureSet& features) const {
+  std::vector<std::uint32_t> words;
+  if (mser.empty()) return words;
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    words.push_back(sift.num_words + mser.Quantize(features.descriptor(i).data()));
+  }
+  return words;
+}
+
+BagOfWords Vocabulary::Bag(std::span<const std::uint32_t> sift_words,
+                           std::span<const std::uint32_t> mser_words) const {
+  const float half = std::sqrt(0.5F);
+  BagOfWords bag;
+  AppendHalf(sift_words, idf, mser_words.empty() ? 1.0F : half, &bag);
+  AppendHalf(mser_words, idf, sift_words.empty() ? 1.0F : half, &bag);
+  return bag;
+}
+
+Status Vocabulary::Check() const {
+  for (const VocabularyTree* tree : {&sift, &mser}) {
+    Status status = tree->Check();
+    if (!status.ok()) return status;
+  }
+  if (idf.size() != num_words()) return {ErrorCode::kBadData, "vocabulary: one idf a word is needed"};
+  for (const float value : idf) {
+    if (!(value >= 0 && value < 100)) return {ErrorCode::kBadData, "vocabulary: idf out of range"};
+  }
+  return {};
+}
+
+std::vector<float> InverseDocumentFrequency(const std::vector<std::vector<std::uint32_t>>& words_by_view,
+                                            std::uint32_t num_words) {
+  std::vector<std::uint32_t> views_with(num_words, 0), last_view(num_words, 0);
+  for (std::size_t view = 0; view < words_by_view.size(); ++view) {
+    for (const std::uint32_t word : words_by_view[view]) {
+      if (last_view[word] == view + 1) continue;
+      last_view[word] = static_cast<std::uint32_t>(view + 1);
+      ++views_with[word];
+    }
+  }
+  std::vector<float> idf(num_words, 0.0F);
+  const auto num_views = static_cast<double>(words_by_view.size());
+  for (std::size_t i = 0; i < num_words; ++i) {
+    if (views_with[i] > 0) idf[i] = static_cast<float>(std::log(num_views / views_with[i]));
+  }
+  return idf;
+}
+
+InvertedIndex::InvertedIndex(std::span<const BagOfWords> bags, std::uint32_t num_words)
+    : num_views_(bags.size()), offsets_(num_words + 1, 0) {
+  for (const BagOfWords& bag : bags) {
+    for (const WeightedWord& entry : bag) ++offsets_[entry.word + 1];
+  }
+  for (std::size_t i = 1; i < offsets_.size(); ++i) offsets_[i] += offsets_[i - 1];
+  views_.resize(offsets_.back());
+  weights_.resize(offsets_.back());
+  std::vector<std::uint32_t> next(offsets_.begin(), offsets_.end() - 1);
+  for (std::size_t view = 0; view < bags.size(); ++view) {
+    for (const WeightedWord& entry : bags[view]) {
+      const std::uint32_t slot = next[entry.word]++;
+      views_[slot] = static_cast<std::uint32_t>(view);
+      weights_[slot] = entry.weight;
+    }
+  }
+}
+
+std::vector<float> InvertedIndex::Score(const BagOfWords& query) const {
+  std::vector<float> scores(num_views_, 0.0F);
+  for (const WeightedWord& entry : query) {
+    if (std::size_t{entry.word} + 1 >= offsets_.size()) continue;
+    for (std::uint32_t slot = offsets_[entry.word]; slot < offsets_[entry.word + 1]; ++slot) {
+      scores[views_[slot]] += entry.weight * weights_[slot];
+    }
+  }
+  return scores;
+}
+
+}  // namespace panofix

@@ -1,0 +1,215 @@
+#include "runtime/pose/pose_estimator.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+#include "common/base/log.h"
+#include "common/geometry/attitude.h"
+
+namespace panofix {
+namespace {
+
+constexpr double kInlierChi2 = 9.21;  // 99 % of a 2-D whitened residual
+// Never accept a residual beyond this, however uncertain the point is.
+constexpr double kMaxReprojError_px = 12.0;
+
+// Matches of all views, with their keypoints.
+struct Pool {
+  std::vector<Correspondence> matches;
+  std::vector<int> keypoint_idx;
+};
+
+bool Agrees(const Correspondence& match, const Rigid3& cam_from_local, double focal_px, double* chi2) {
+  Eigen::Vector2d residual;
+  if (!BearingResidual(match, cam_from_local, &residual)) return false;
+  if (residual.norm() * focal_px > kMaxReprojError_px) return false;
+  *chi2 = residual.dot(ResidualCovariance(match, cam_from_local).ldlt().solve(residual));
+  return *chi2 < kInlierChi2;
+}
+
+int CountKeypoints(const Pool& pool, const Rigid3& cam_from_local, double focal_px) {
+  std::set<int> keypoints;
+  for (std::size_t i = 0; i < pool.matches.size(); ++i) {
+    double chi2;
+    if (Agrees(pool.matches[i], cam_from_local, focal_px, &chi2)) keypoints.insert(pool.keypoint_idx[i]);
+  }
+  return static_cast<int>(keypoints.size());
+}
+
+// Overlapping views of one panorama repeat a point: of each (keypoint, panorama) the match that agrees
+// best stays, or its noise would count twice.
+Pool WithoutRepeats(const Pool& pool, const Rigid3& cam_from_local, double focal_px) {
+  std::map<std::pair<int, int>, std::pair<double, std::size_t>> best;
+  for (std::size_t i = 0; i < pool.matches.size(); ++i) {
+    double chi2 = 0;
+    if (!Agrees(pool.matches[i], cam_from_local, focal_px, &chi2)) chi2 = 1e9;
+    const auto key = std::make_pair(pool.keypoint_idx[i], pool.matches[i].panorama_idx);
+    const auto [entry, is_new] = best.try_emplace(key, chi2, i);
+    if (!is_new && chi2 < entry->second.first) entry->second = {chi2, i};
+  }
+  Pool kept;
+  for (const auto& [key, value] : best) {
+    kept.matches.push_back(pool.matches[value.second]);
+    kept.keypoint_idx.push_back(pool.keypoint_idx[value.second]);
+  }
+  return kept;
+}
+
+struct Hypothesis {
+  Rigid3 cam_from_local;
+  int num_keypoints = 0;
+};
+
+Eigen::Vector3d CentreOf(const Rigid3& cam_from_local) { return cam_from_local.Inverse().translation; }
+
+// A pose a view that reaches consensus, and one of all views together.
+std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, const Pool& pool,
+                                       double focal_px, const PoseOptions& options) {
+  std::vector<Hypothesis> hypotheses;
+  RansacOptions ransac = options.ransac;
+  const auto add = [&](const std::vector<Correspondence>& matches) {
+    const RansacResult result = EstimatePoseRansac(matches, ransac);
+    if (!result.success || static_cast<int>(result.inliers.size()) < options.min_view_inliers) return;
+    hypotheses.push_back({result.cam_from_map, CountKeypoints(pool, result.cam_from_map, focal_px)});
+  };
+  for (const ViewMatches& view : views) add(view.correspondences);
+  ransac.minimal_solver = MinimalSolver::kP3p;
+  add(pool.matches);
+  return hypotheses;
+}
+
+std::vector<PanoramaPrior> PriorsOf(const Pool& pool, const MapErrors& errors) {
+  std::set<int> panoramas;
+  for (const Correspondence& match : pool.matches) panoramas.insert(match.panorama_idx);
+  std::vector<PanoramaPrior> priors;
+  for (const int panorama : panoramas) {
+    const double heading_rad = std::max(1e-4, errors.panorama_heading_sigma_deg * kRadPerDeg);
+    priors.push_back({panorama, std::max(1e-3, errors.panorama_position_sigma_m), heading_rad, heading_rad});
+  }
+  return priors;
+}
+
+// The first gate that the pose fails, or "".
+std::string FailedGate(const PoseOutcome& outcome, const std::vector<Eigen::Vector2d>& inliers_px,
+                       double chi2_per_dof, int best_elsewhere, const Camera& camera, const MapBundle& bundle,
+                       const LocalFrame& local, const PoseOptions& options) {
+  if (outcome.num_inliers < options.min_inliers) return "too_few_inliers";
+  if (ImageSpread(inliers_px, camera) < options.min_spread) return "inliers_clustered";
+  if (outcome.num_inliers < options.min_lead * best_elsewhere) return "ambiguous_place";
+  const double sigma_m = std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace());
+  if (!(sigma_m < options.max_position_sigma_m)) return "pose_uncertain";
+  if (chi2_per_dof > options.max_chi2_per_dof) return "residuals_too_large";
+  const Rigid3 local_from_cam = outcome.cam_from_local.Inverse();
+  double nearest_m = 1e9, height_off_m = 0;
+  for (const MapPanorama& panorama : bundle.panoramas()) {
+    const Eigen::Vector3d d = local_from_cam.translation - local.FromMap(panorama.map_from_pano.translation);
+    if (d.head<2>().norm() < nearest_m) nearest_m = d.head<2>().norm(), height_off_m = std::abs(d.z());
+  }
+  if (nearest_m > options.max_distance_m) return "far_from_map";
+  if (height_off_m > options.max_height_off_m) return "height_implausible";
+  const Attitude attitude = AttitudeFromEnu(local_from_cam.rotation.toRotationMatrix() * BodyFromCam().transpose());
+  if (std::abs(attitude.pitch_deg) > options.max_tilt_deg || std::abs(attitude.roll_deg) > options.max_tilt_deg) {
+    return "tilt_implausible";
+  }
+  return "";
+}
+
+}  // namespace
+
+void PoseOptions::Check() const {
+  ransac.Check();
+  if (min_view_inliers < 4) {
+    throw std::invalid_argument(Format("min_view_inliers = %d; must be at least 4", min_view_inliers));
+  }
+  if (min_inliers < 6) throw std::invalid_argument(Format("min_inliers = %d; must be at least 6", min_inliers));
+}
+
+double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera) {
+  if (px.size() < 3) return 0;
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  for (const auto& p : px) mean += p / static_cast<double>(px.size());
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
+  for (const auto& p : px) covariance += (p - mean) * (p - mean).transpose() / static_cast<double>(px.size());
+  const double uniform = camera.width_px * camera.height_px / 12.0;
+  return std::sqrt(std::max(0.0, covariance.determinant())) / uniform;
+}
+
+PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatures& frame,
+                         const Camera& camera, const MapBundle& bundle, const LocalFrame& local,
+                         const PoseOptions& options) {
+  PoseOutcome outcome;
+  outcome.covariance = Matrix6d::Zero();
+  Pool pool;
+  for (const ViewMatches& view : views) {
+    pool.matches.insert(pool.matches.end(), view.correspondences.begin(), view.correspondences.end());
+    pool.keypoint_idx.insert(pool.keypoint_idx.end(), view.keypoint_idx.begin(), view.keypoint_idx.end());
+  }
+  const double focal_px = camera.fx_px;
+  const std::vector<Hypothesis> hypotheses = FindHypotheses(views, pool, focal_px, options);
+  if (hypotheses.empty()) {
+    outcome.reason = pool.matches.size() < 12 ? "too_few_matches" : "no_consensus";
+    return outcome;
+  }
+  const Hypothesis& best = *std::max_element(
+      hypotheses.begin(), hypotheses.end(),
+      [](const Hypothesis& a, const Hypothesis& b) { return a.num_keypoints < b.num_keypoints; });
+
+  const Pool single = WithoutRepeats(pool, best.cam_from_local, focal_px);
+  const RefineResult refined = RefinePose(single.matches, best.cam_from_local, options.refine);
+  if (!refined.success) {
+    outcome.reason = "no_consensus";
+    return outcome;
+  }
+  // Re-choose among repeats at the refined pose; only what agrees with it enters the adjustment.
+  Pool agreed;
+  const Pool chosen = WithoutRepeats(pool, refined.cam_from_map, focal_px);
+  for (std::size_t i = 0; i < chosen.matches.size(); ++i) {
+    double chi2;
+    if (!Agrees(chosen.matches[i], refined.cam_from_map, focal_px, &chi2)) continue;
+    agreed.matches.push_back(chosen.matches[i]);
+    agreed.keypoint_idx.push_back(chosen.keypoint_idx[i]);
+  }
+  const BundleResult adjusted = LocalBundleAdjustment(agreed.matches, refined.cam_from_map,
+                                                      PriorsOf(agreed, bundle.manifest().errors), options.bundle);
+  if (!adjusted.success) {
+    outcome.reason = "no_consensus";
+    return outcome;
+  }
+  outcome.found = true;
+  outcome.cam_from_local = adjusted.cam_from_map;
+  outcome.covariance = adjusted.covariance;
+
+  std::set<int> keypoints;
+  std::map<int, int> inliers_of_view;
+  for (std::size_t i = 0; i < pool.matches.size(); ++i) {
+    double chi2;
+    if (!Agrees(pool.matches[i], outcome.cam_from_local, focal_px, &chi2)) continue;
+    keypoints.insert(pool.keypoint_idx[i]);
+    ++inliers_of_view[pool.matches[i].view_idx];
+  }
+  outcome.num_inliers = static_cast<int>(keypoints.size());
+  std::vector<std::pair<int, int>> by_count;
+  for (const auto& [view, count] : inliers_of_view) by_count.emplace_back(-count, view);
+  std::sort(by_count.begin(), by_count.end());
+  for (const auto& [count, view] : by_count) outcome.views.push_back(static_cast<std::uint32_t>(view));
+  if (!outcome.views.empty()) outcome.best_view = outcome.views.front();
+
+  std::vector<Eigen::Vector2d> inliers_px;
+  for (const int k : keypoints) {
+    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
+    inliers_px.emplace_back(keypoint.x_px, keypoint.y_px);
+  }
+  int best_elsewhere = 0;
+  for (const Hypothesis& h : hypotheses) {
+    if ((CentreOf(h.cam_from_local) - CentreOf(outcome.cam_from_local)).norm() > options.elsewhere_m) {
+      best_elsewhere = std::max(best_elsewhere, h.num_keypoints);
+    }
+  }
+  outcome.reason = FailedGate(outcome, inliers_px, adjusted.chi2_per_dof, best_elsewhere, camera, bundle, local, options);
+  outcome.trusted = outcome.reason.empty();
+  return outcome;
+}
+
+}  // namespace panofix

@@ -1,0 +1,54 @@
+#pragma once
+// The frame's pose from all its views' matches: per-view search, refinement, local bundle adjustment.
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "common/estimate/pnp.h"
+#include "common/estimate/refine.h"
+#include "common/map/map_bundle.h"
+#include "runtime/pose/frame_matches.h"
+
+namespace panofix {
+
+struct PoseOptions {
+  RansacOptions ransac;   // a view's search; the focal length and seed are set by the caller
+  RefineOptions refine;
+  BundleOptions bundle;
+  int min_view_inliers = 8;      // consensus that makes a view's pose a hypothesis
+  int min_inliers = 16;          // distinct keypoints that agree with the final pose
+  double min_spread = 0.05;      // of the inliers over the image: 1 = uniform (see ImageSpread)
+  double min_lead = 1.5;         // inliers over those of the best pose elsewhere: look-alikes end here
+  double elsewhere_m = 4.0;      // what counts as elsewhere
+  double max_position_sigma_m = 1.0;   // beyond, no fix
+  double fix_position_sigma_m = 0.5;   // beyond, only degraded
+  double max_chi2_per_dof = 3.0;
+  double max_height_off_m = 2.5;  // camera's height against the nearest panorama's
+  double max_tilt_deg = 25;       // pitch or roll of a camera on a vehicle
+  double max_distance_m = 40;     // from the nearest panorama
+  // throws std::invalid_argument
+  void Check() const;
+};
+
+struct PoseOutcome {
+  bool found = false;
+  bool trusted = false;      // passes every gate; else `reason` says which failed
+  std::string reason;        // snake_case word
+  Rigid3 cam_from_local;
+  Matrix6d covariance;       // of the camera's pose in the local frame
+  int num_inliers = 0;       // distinct keypoints
+  std::vector<std::uint32_t> views;  // views with inliers, most first
+  std::uint32_t best_view = 0;
+};
+
+// Spread of pixels over the image: root of the determinant of their covariance, as a share of a uniform
+// distribution's. Near 0 for a cluster or a line.
+[[nodiscard]] double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera);
+
+// `views` are matched in the frame `local`. Deterministic; never throws on data.
+[[nodiscard]] PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatures& frame,
+                                       const Camera& camera, const MapBundle& bundle, const LocalFrame& local,
+                                       const PoseOptions& options);
+
+}  // namespace panofix

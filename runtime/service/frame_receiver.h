@@ -1,0 +1,53 @@
+#pragma once
+// The camera feed: a thread that always reads, and a mailbox that holds the newest frame only.
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "common/base/status.h"
+#include "runtime/service/wire_bytes.h"
+
+namespace panofix {
+
+struct FrameReceiverOptions {
+  std::string endpoint;  // connected to; bound where it holds a '*'
+  std::size_t max_message_bytes = std::size_t{64} << 20;
+  double quiet_warning_s = 3;  // without a frame for this long a log line says so
+};
+
+struct FrameReceiverCounters {
+  std::int64_t frames = 0;   // that arrived
+  std::int64_t dropped = 0;  // of these: replaced by a newer one before they were taken
+  std::int64_t calibrations = 0;
+  std::int64_t malformed = 0, wrong_topic = 0, disconnects = 0;
+};
+
+// A slow taker always gets the newest frame, a few milliseconds old, instead of a growing backlog.
+// Thread-safe. Waits for a publisher without end, and picks up one that died and came back.
+class FrameReceiver {
+ public:
+  [[nodiscard]] static Result<std::unique_ptr<FrameReceiver>> Open(
+      const FrameReceiverOptions& options);
+  ~FrameReceiver();
+  FrameReceiver(const FrameReceiver&) = delete;
+  FrameReceiver& operator=(const FrameReceiver&) = delete;
+
+  // The newest payload of kFrameTopic since the last call; waits for one up to `timeout`.
+  [[nodiscard]] std::optional<WireBytes> TakeFrame(std::chrono::milliseconds timeout);
+  // The newest payload of kCameraTopic since the last call.
+  [[nodiscard]] std::optional<WireBytes> TakeCalibration();
+  [[nodiscard]] FrameReceiverCounters counters() const;
+  // Not ok once the socket itself has failed; nothing more will come then.
+  [[nodiscard]] Status status() const;
+  [[nodiscard]] const std::string& endpoint() const;
+
+ private:
+  struct Impl;
+  explicit FrameReceiver(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace panofix

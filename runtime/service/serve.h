@@ -1,0 +1,46 @@
+#pragma once
+// The on-line client: subscribes to a camera feed, localizes, publishes poses.
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "common/base/status.h"
+#include "runtime/localizer/localizer.h"
+#include "runtime/service/frame_engine.h"
+
+namespace panofix {
+
+struct ServeOptions {
+  std::filesystem::path bundle;
+  std::string frames;  // endpoint of the feed: connected to, or bound where it holds a '*'
+  std::string poses;   // endpoint to publish on: bound
+  // camera.yaml of the feed. Without it the calibration comes from the feed (kCameraTopic), and
+  // where none comes within `camera_wait_s` of the first frame, from the bundle, with a warning.
+  std::optional<std::filesystem::path> camera;
+  double camera_wait_s = 2;
+  LocalizerOptions localizer;
+  std::size_t max_message_bytes = std::size_t{64} << 20;  // a larger frame ends the connection
+  double quiet_warning_s = 3;     // without a frame for this long a log line says so
+  double report_interval_s = 30;  // between log lines with counts
+  std::int64_t max_frames = 0;    // stop after so many answers; 0 = when told to
+  // Told the bound pose endpoint once frames are awaited: for "tcp://127.0.0.1:*".
+  std::function<void(const std::string& poses)> on_ready;
+  void Check() const;  // throws std::invalid_argument
+};
+
+// Answers each frame that it takes with one LocalizationResult, and with one LocationFix where
+// there is a pose, under the frame's own timestamp. Frames that arrive while one is being worked on
+// replace each other: the newest wins. A frame that cannot be decoded is answered too (no_fix); a
+// payload that does not verify has no trustworthy timestamp and is counted and logged only. A
+// calibration of another size than the bundle's camera, or one that does not verify, is refused
+// with a log line. Returns ok within a second (and the engine's current frame) of
+// CancelRequested(). Errors: a bad option, a bundle that does not open, an endpoint that cannot be
+// had (named, with the mend).
+[[nodiscard]] Status Serve(const ServeOptions& options);
+// The same over any engine; `options.bundle` and `options.localizer` are only for messages then.
+[[nodiscard]] Status ServeFrom(const ServeOptions& options, EngineSource& source);
+
+}  // namespace panofix

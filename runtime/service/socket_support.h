@@ -1,0 +1,46 @@
+#pragma once
+// What both sockets share. Includes zmq.hpp: for .cc files of this module only.
+
+#include <string>
+#include <zmq.hpp>
+
+#include "common/base/status.h"
+
+namespace panofix::socket_support {
+
+// What to do about a bind or connect that failed with `error_number`.
+inline const char* Mend(int error_number) {
+  switch (error_number) {
+    case EADDRINUSE:
+      return "end the program that holds the address, or choose another";
+    case EACCES:
+      return "choose a port above 1023, or a folder that you may write to";
+    case EADDRNOTAVAIL:
+    case ENODEV:
+      return "name an address of this machine, or * for all of them";
+    case ENOENT:
+      return "make the folder first";
+    case ENAMETOOLONG:
+      return "choose a shorter path";
+    default:
+      return "write tcp://HOST:PORT or ipc://PATH";
+  }
+}
+
+inline Status EndpointError(const std::string& endpoint, const char* verb,
+                            const zmq::error_t& error) {
+  const bool malformed = error.num() == EINVAL || error.num() == EPROTONOSUPPORT;
+  return {malformed ? ErrorCode::kInvalidArgument : ErrorCode::kIo,
+          endpoint + ": cannot " + verb + ": " + error.what() + "; " + Mend(error.num())};
+}
+
+// Peers that stop answering are dropped after this long; a healthy one answers in milliseconds.
+constexpr int kHeartbeatInterval_ms = 1000, kHeartbeatTimeout_ms = 3000;
+
+inline void SetHeartbeat(zmq::socket_t& socket) {
+  socket.set(zmq::sockopt::heartbeat_ivl, kHeartbeatInterval_ms);
+  socket.set(zmq::sockopt::heartbeat_timeout, kHeartbeatTimeout_ms);
+  socket.set(zmq::sockopt::heartbeat_ttl, kHeartbeatTimeout_ms);
+}
+
+}  // namespace panofix::socket_support

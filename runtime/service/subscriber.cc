@@ -1,0 +1,184 @@
+// The subscribing side: a SUB socket and the monitor that tells of its connections.
+
+#include <chrono>
+#include <cstring>
+
+#include "common/base/log.h"
+#include "runtime/service/log_throttle.h"
+#include "runtime/service/socket_support.h"
+#include "runtime/service/sockets.h"
+
+namespace panofix {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+constexpr int kReconnectInterval_ms = 100, kMaxReconnectInterval_ms = 1000;
+constexpr std::chrono::milliseconds kReopenDelay(200);
+
+}  // namespace
+
+struct Subscriber::Impl {
+  zmq::context_t context;  // outlives the sockets
+  zmq::socket_t socket, monitor;
+  std::string endpoint;
+  bool binds = false;
+  SubscriberOptions options;
+  SubscriberCounters counters;
+  int num_opened = 0;
+  std::optional<Clock::time_point> reopen_at;
+  LogThrottle connection_log, handshake_log, malformed_log;
+
+  ~Impl() { StopMonitor(); }
+  void Open();
+  void StartMonitor();
+  void StopMonitor() {
+    if (socket) zmq_socket_monitor(socket.handle(), nullptr, 0);
+  }
+  void ReadEvents();
+  void HandleEvent(std::uint16_t event);
+  std::optional<WireMessage> ReceiveOne();
+};
+
+// Makes the socket, or makes it anew: ZeroMQ reconnects by itself after a broken connection, but
+// gives an address up for good once its peer broke the protocol or sent a message above the limit.
+void Subscriber::Impl::Open() {
+  StopMonitor();
+  reopen_at.reset();
+  socket = zmq::socket_t(context, zmq::socket_type::sub);
+  socket.set(zmq::sockopt::linger, 0);
+  // Never ZMQ_CONFLATE: with multipart messages any peer can abort the process through it.
+  socket.set(zmq::sockopt::rcvhwm, options.receive_queue_messages);
+  socket.set(zmq::sockopt::maxmsgsize, static_cast<std::int64_t>(options.max_message_bytes));
+  socket.set(zmq::sockopt::reconnect_ivl, kReconnectInterval_ms);
+  socket.set(zmq::sockopt::reconnect_ivl_max, kMaxReconnectInterval_ms);
+  socket_support::SetHeartbeat(socket);
+  for (const std::string_view topic : options.topics) {
+    socket.set(zmq::sockopt::subscribe, zmq::buffer(topic.data(), topic.size()));
+  }
+  StartMonitor();
+  if (binds) {
+    socket.bind(endpoint);
+    endpoint = socket.get(zmq::sockopt::last_endpoint);
+  } else {
+    socket.connect(endpoint);
+  }
+}
+
+void Subscriber::Impl::StartMonitor() {
+  // A name of its own: the monitor before may still be closing.
+  const std::string address = "inproc://panofix.monitor." + std::to_string(num_opened++);
+  if (zmq_socket_monitor(socket.handle(), address.c_str(),
+                         ZMQ_EVENT_CONNECTED | ZMQ_EVENT_ACCEPTED | ZMQ_EVENT_DISCONNECTED |
+                             ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL |
+                             ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL) != 0) {
+    throw zmq::error_t();
+  }
+  monitor = zmq::socket_t(context, zmq::socket_type::pair);
+  monitor.set(zmq::sockopt::linger, 0);
+  monitor.connect(address);
+}
+
+void Subscriber::Impl::ReadEvents() {
+  zmq::message_t event, address;
+  while (monitor.recv(event, zmq::recv_flags::dontwait)) {
+    if (event.more() && !monitor.recv(address)) return;
+    std::uint16_t number = 0;
+    if (event.size() < sizeof(number)) continue;
+    std::memcpy(&number, event.data(), sizeof(number));
+    HandleEvent(number);
+  }
+}
+
+void Subscriber::Impl::HandleEvent(std::uint16_t event) {
+  switch (event) {
+    case ZMQ_EVENT_CONNECTED:
+    case ZMQ_EVENT_ACCEPTED:
+      // Only the first: a peer that comes and goes would fill the log.
+      if (counters.connects++ == 0) LogInfo(endpoint + ": connected");
+      break;
+    case ZMQ_EVENT_DISCONNECTED:
+      ++counters.disconnects;
+      if (!binds) reopen_at = Clock::now() + kReopenDelay;
+      connection_log.Warn(
+          Format("%s: disconnected: the publisher ended, or sent a message above "
+                 "%zu bytes; waiting for it",
+                 endpoint.c_str(), options.max_message_bytes));
+      break;
+    default:
+      if (!binds) reopen_at = Clock::now() + kReopenDelay;
+      handshake_log.Warn(endpoint + ": the other side does not speak ZeroMQ; check the port");
+  }
+}
+
+// Reads one whole multipart message, whatever it is; nullopt where it is none of ours.
+std::optional<WireMessage> Subscriber::Impl::ReceiveOne() {
+  zmq::message_t topic;
+  auto payload = std::make_shared<zmq::message_t>();
+  if (!socket.recv(topic, zmq::recv_flags::dontwait)) return std::nullopt;
+  int num_parts = 1;
+  bool more = topic.more();
+  zmq::message_t surplus;
+  while (more) {
+    zmq::message_t& part = num_parts == 1 ? *payload : surplus;
+    if (!socket.recv(part, zmq::recv_flags::dontwait)) break;
+    more = part.more();
+    ++num_parts;
+  }
+  if (num_parts != 2) {
+    ++counters.malformed;
+    malformed_log.Warn(
+        Format("%s: a message of %d parts; send [topic, payload]", endpoint.c_str(), num_parts));
+    return std::nullopt;
+  }
+  WireMessage message{topic.to_string(), {}};
+  if (std::find(options.topics.begin(), options.topics.end(), message.topic) ==
+      options.topics.end()) {
+    ++counters.wrong_topic;
+    return std::nullopt;
+  }
+  message.payload.bytes = {payload->data<std::uint8_t>(), payload->size()};
+  message.payload.owner = std::move(payload);
+  return message;
+}
+
+Subscriber::Subscriber(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Subscriber::Subscriber(Subscriber&&) noexcept = default;
+Subscriber& Subscriber::operator=(Subscriber&&) noexcept = default;
+Subscriber::~Subscriber() = default;
+
+Result<Subscriber> Subscriber::Open(const std::string& endpoint, const SubscriberOptions& options) {
+  if (Status status = CheckEndpoint("endpoint", endpoint); !status.ok()) return status;
+  auto impl = std::make_unique<Impl>();
+  impl->endpoint = endpoint;
+  impl->binds = endpoint.find('*') != std::string::npos;
+  impl->options = options;
+  try {
+    impl->Open();
+  } catch (const zmq::error_t& error) {
+    return socket_support::EndpointError(endpoint, impl->binds ? "bind" : "connect", error);
+  }
+  return Subscriber(std::move(impl));
+}
+
+Result<std::optional<WireMessage>> Subscriber::Receive(int timeout_ms) {
+  try {
+    zmq::pollitem_t items[] = {{impl_->socket.handle(), 0, ZMQ_POLLIN, 0},
+                               {impl_->monitor.handle(), 0, ZMQ_POLLIN, 0}};
+    zmq::poll(items, 2, std::chrono::milliseconds(timeout_ms));
+    if (items[1].revents != 0) impl_->ReadEvents();
+    if (items[0].revents != 0) return impl_->ReceiveOne();
+    // Only now: what the old socket has received is not lost.
+    if (impl_->reopen_at && Clock::now() >= *impl_->reopen_at) impl_->Open();
+    return std::optional<WireMessage>();
+  } catch (const zmq::error_t& error) {
+    if (error.num() == EINTR) return std::optional<WireMessage>();
+    return Status(ErrorCode::kIo, impl_->endpoint + ": cannot receive: " + error.what());
+  } catch (const std::bad_alloc&) {
+    return Status(ErrorCode::kIo, impl_->endpoint + ": out of memory; lower the message limit");
+  }
+}
+
+const SubscriberCounters& Subscriber::counters() const { return impl_->counters; }
+const std::string& Subscriber::endpoint() const { return impl_->endpoint; }
+
+}  // namespace panofix

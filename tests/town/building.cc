@@ -1,0 +1,168 @@
+#include "tests/town/building.h"
+
+#include <Eigen/Geometry>
+
+namespace panofix::town {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kCellar_m = 1.5;  // wall below the lowest ground, so that no slope opens a gap
+
+std::uint32_t AddWindowMaterial(World& world, const FacadeStyle& style, Rng& rng) {
+  Material pane;
+  pane.kind = MaterialKind::kWindow;
+  pane.seed = static_cast<std::uint32_t>(rng());
+  pane.a = style.frame_colour;
+  pane.b = DrawColour(rng, 0.4, 0.3, 0.9);  // curtain
+  pane.width_m = static_cast<float>(style.window_width_m);
+  pane.height_m = static_cast<float>(style.window_height_m);
+  pane.style = static_cast<int>(rng.Below(5));
+  return world.AddMaterial(pane);
+}
+
+void AddUpperFloors(World& world, const WallFrame& frame, double width_m, const FacadeStyle& style,
+                    Rng& rng) {
+  const double bay_m = width_m / style.bays;
+  for (int floor = 1; floor < style.floors; ++floor) {
+    const double v0 = style.ground_floor_m + (floor - 1) * style.floor_m;
+    std::vector<Opening> openings;
+    for (int bay = 0; bay < style.bays; ++bay) {
+      if (rng.Uniform() < 0.05) continue;  // a walled-up window
+      const double scale = rng.Uniform() < 0.1 ? 0.6 : 1.0;
+      const double centre = (bay + 0.5) * bay_m;
+      Opening opening;
+      opening.u0 = centre - 0.5 * scale * style.window_width_m;
+      opening.u1 = centre + 0.5 * scale * style.window_width_m;
+      opening.v0 = v0 + style.sill_m;
+      opening.v1 = opening.v0 + style.window_height_m * (scale < 1 ? 0.7 : 1.0);
+      opening.recess_m = style.recess_m;
+      opening.pane_material = AddWindowMaterial(world, style, rng);
+      openings.push_back(opening);
+      const bool balcony = style.balconies && rng.Uniform() < 0.6;
+      AddWindowTrim(world, frame, opening, style, balcony, rng);
+    }
+    AddStorey(world, frame, width_m, v0, v0 + style.floor_m, openings, style.wall, style.reveal);
+  }
+}
+
+void AddRoof(World& world, const WallFrame& frame, double width_m, double depth_m, double top_m,
+             const FacadeStyle& style) {
+  const double rise_m = style.roof_m, back_m = rise_m > 0 ? 0.55 * depth_m : depth_m;
+  world.AddQuad(frame.At(0, top_m), frame.At(width_m, top_m),
+                frame.At(width_m, top_m + rise_m, -back_m), frame.At(0, top_m + rise_m, -back_m),
+                style.roof);
+  if (rise_m <= 0) return;
+  world.AddQuad(frame.At(width_m, top_m, -depth_m), frame.At(0, top_m, -depth_m),
+                frame.At(0, top_m + rise_m, -back_m), frame.At(width_m, top_m + rise_m, -back_m),
+                style.roof);
+  for (const double u : {0.0, width_m}) {
+    const Vector3d front = frame.At(u, top_m), back = frame.At(u, top_m, -depth_m),
+                   ridge = frame.At(u, top_m + rise_m, -back_m);
+    if (u > 0) {
+      world.AddQuad(front, back, ridge, ridge, style.reveal);
+    } else {
+      world.AddQuad(back, front, ridge, ridge, style.reveal);
+    }
+  }
+}
+
+void AddChimney(World& world, const WallFrame& frame, double width_m, double top_m,
+                const FacadeStyle& style, Rng& rng) {
+  const double u = rng.Uniform(0.5, std::max(0.6, width_m - 1.6));
+  AddRelief(world, frame, u, u + rng.Uniform(0.6, 1.1), top_m,
+            top_m + style.roof_m + rng.Uniform(0.8, 1.6), -3.4, -2.6, style.wall);
+}
+
+void AddSideWalls(World& world, const WallFrame& frame, const Lot& lot, double width_m,
+                  double top_m, std::uint32_t material) {
+  constexpr double kCornerInset_m = 1.2;
+  const double left = lot.corner_left ? kCornerInset_m : 0;
+  const double right = width_m - (lot.corner_right ? kCornerInset_m : 0);
+  const double d = lot.depth_m, v0 = -kCellar_m;
+  const auto wall = [&](const Vector3d& p0, const Vector3d& p1, const Vector3d& p2,
+                        const Vector3d& p3, bool is_plane) {
+    world.AddQuad(p0, p1, p2, p3, material, 0, v0);
+    if (is_plane) world.AddPlane(p0, p1, p2, p3);
+  };
+  wall(frame.At(left, v0, -d), frame.At(left, v0), frame.At(left, top_m), frame.At(left, top_m, -d),
+       !lot.corner_left);
+  wall(frame.At(right, v0), frame.At(right, v0, -d), frame.At(right, top_m, -d),
+       frame.At(right, top_m), !lot.corner_right);
+  wall(frame.At(width_m, v0, -d), frame.At(0, v0, -d), frame.At(0, top_m, -d),
+       frame.At(width_m, top_m, -d), false);
+}
+
+}  // namespace
+
+void AddBuilding(World& world, const Lot& lot, Rng style_rng, Rng daily) {
+  const Eigen::Vector2d along = lot.b - lot.a;
+  const double width_m = along.norm();
+  WallFrame frame;
+  frame.origin = {lot.a.x(), lot.a.y(), lot.ground_high_m + 0.12};
+  frame.u = Vector3d(along.x() / width_m, along.y() / width_m, 0);
+  frame.v = Vector3d::UnitZ();
+  frame.w = frame.u.cross(frame.v);
+  const FacadeStyle style = DrawFacadeStyle(world, width_m, 1.0, style_rng);
+  const double top_m = style.ground_floor_m + (style.floors - 1) * style.floor_m + 0.5;
+  const double low_v = lot.ground_low_m - lot.ground_high_m - kCellar_m;
+
+  AddStorey(world, frame, width_m, low_v, 0, {}, style.wall, style.reveal);
+  const auto doors = AddGroundFloor(world, frame, width_m, style, style_rng, daily);
+  AddStorey(world, frame, width_m, 0, style.ground_floor_m, doors, style.wall, style.reveal);
+  AddUpperFloors(world, frame, width_m, style, style_rng);
+  AddStorey(world, frame, width_m, top_m - 0.5, top_m, {}, style.wall, style.reveal);
+  if (style.cornice) {
+    AddRelief(world, frame, -0.02, width_m + 0.02, top_m - 0.3, top_m, 0, 0.35, style.trim);
+    AddRelief(world, frame, -0.02, width_m + 0.02, top_m - 0.5, top_m - 0.3, 0, 0.16, style.trim);
+  }
+  AddRoof(world, frame, width_m, lot.depth_m, top_m, style);
+  AddChimney(world, frame, width_m, top_m, style, style_rng);
+  AddSideWalls(world, frame, lot, width_m, top_m, style.wall);
+  world.AddPlane(frame.At(0, low_v), frame.At(width_m, low_v), frame.At(width_m, top_m),
+                 frame.At(0, top_m));
+  ++world.num_buildings;
+}
+
+void AddStorey(World& world, const WallFrame& frame, double width_m, double v0, double v1,
+               const std::vector<Opening>& openings, std::uint32_t wall, std::uint32_t reveal) {
+  const auto piece = [&](double u0, double u1, double low, double high) {
+    if (u1 - u0 < 1e-6 || high - low < 1e-6) return;
+    world.AddQuad(frame.At(u0, low), frame.At(u1, low), frame.At(u1, high), frame.At(u0, high),
+                  wall, u0, low);
+  };
+  double u = 0;
+  for (const Opening& o : openings) {
+    piece(u, o.u0, v0, v1);
+    piece(o.u0, o.u1, v0, o.v0);
+    piece(o.u0, o.u1, o.v1, v1);
+    const double r = -o.recess_m;
+    world.AddQuad(frame.At(o.u0, o.v0, r), frame.At(o.u1, o.v0, r), frame.At(o.u1, o.v1, r),
+                  frame.At(o.u0, o.v1, r), o.pane_material);
+    world.AddQuad(frame.At(o.u0, o.v0), frame.At(o.u0, o.v0, r), frame.At(o.u0, o.v1, r),
+                  frame.At(o.u0, o.v1), reveal);
+    world.AddQuad(frame.At(o.u1, o.v0, r), frame.At(o.u1, o.v0), frame.At(o.u1, o.v1),
+                  frame.At(o.u1, o.v1, r), reveal);
+    world.AddQuad(frame.At(o.u0, o.v0), frame.At(o.u1, o.v0), frame.At(o.u1, o.v0, r),
+                  frame.At(o.u0, o.v0, r), reveal);
+    world.AddQuad(frame.At(o.u0, o.v1, r), frame.At(o.u1, o.v1, r), frame.At(o.u1, o.v1),
+                  frame.At(o.u0, o.v1), reveal);
+    u = o.u1;
+  }
+  piece(u, width_m, v0, v1);
+}
+
+void AddRelief(World& world, const WallFrame& frame, double u0, double u1, double v0, double v1,
+               double w0, double w1, std::uint32_t material, bool own_texture) {
+  const auto face = [&](const Vector3d& p0, const Vector3d& p1, const Vector3d& p2,
+                        const Vector3d& p3) {
+    world.AddQuad(p0, p1, p2, p3, material, own_texture ? 0 : u0, own_texture ? 0 : v0);
+  };
+  face(frame.At(u0, v0, w1), frame.At(u1, v0, w1), frame.At(u1, v1, w1), frame.At(u0, v1, w1));
+  face(frame.At(u1, v0, w1), frame.At(u1, v0, w0), frame.At(u1, v1, w0), frame.At(u1, v1, w1));
+  face(frame.At(u0, v0, w0), frame.At(u0, v0, w1), frame.At(u0, v1, w1), frame.At(u0, v1, w0));
+  face(frame.At(u0, v1, w1), frame.At(u1, v1, w1), frame.At(u1, v1, w0), frame.At(u0, v1, w0));
+  face(frame.At(u0, v0, w0), frame.At(u1, v0, w0), frame.At(u1, v0, w1), frame.At(u0, v0, w1));
+}
+
+}  // namespace panofix::town
