@@ -130,7 +130,9 @@ drive_through() {
   pids+=("$record_pid")
   sleep 1  # its subscription reaches the runtime
   "$bin/panofix-runtime" play --drive "$town/drive" --bind "tcp://127.0.0.1:$frames_port" \
-    --rate "$rate_hz" --wait-for-subscriber || { tail -n 5 "$out/serve.log"; return 1; }
+    --rate "$rate_hz" --wait-for-subscriber &
+  pids+=($!)  # in the background, so that a signal to this script is acted on at once
+  wait $! || { tail -n 5 "$out/serve.log"; return 1; }
   # A slow machine answers the newest frame and leaves some out: the recorder is then told to stop.
   for _ in $(seq 100); do
     kill -0 "$record_pid" 2>/dev/null || break

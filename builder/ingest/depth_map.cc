@@ -28,7 +28,7 @@ int NearestColumn(double column, int width) {
 }
 
 int NearestRow(double row, int height) {
-  return std::clamp(static_cast<int>(std::floor(row + 0.5)), 0, height - 1);
+  return static_cast<int>(std::clamp(std::floor(row + 0.5), 0.0, height - 1.0));
 }
 
 // Neighbours within this ratio of range are taken as one surface: a wall seen at 3 degrees changes
@@ -136,11 +136,19 @@ Eigen::Vector3d DepthMap::PixelRay(double column, double row) const {
 }
 
 std::optional<DepthHit> DepthMap::Cast(const Eigen::Vector3d& ray_in_pano) const {
-  if (!ray_in_pano.allFinite()) return std::nullopt;
   const Eigen::Vector2d pixel = PixelOfRay(ray_in_pano, width_, height_);
-  if (planes_.empty()) return CastRaster(pixel.x(), pixel.y(), ray_in_pano);
-  const int column = NearestColumn(pixel.x(), width_), row = NearestRow(pixel.y(), height_);
-  return CastPlane(plane_idx_[PixelIndex(column, row)], ray_in_pano);
+  return CastAt(pixel.x(), pixel.y(), ray_in_pano);
+}
+
+std::optional<DepthHit> DepthMap::CastAt(double column, double row,
+                                         const Eigen::Vector3d& ray_in_pano) const {
+  // Also keeps the conversions to whole pixels defined.
+  if (!ray_in_pano.allFinite() || !(std::abs(column) <= 2.0 * width_) || !std::isfinite(row)) {
+    return std::nullopt;
+  }
+  if (planes_.empty()) return CastRaster(column, row, ray_in_pano);
+  const int nearest_column = NearestColumn(column, width_), nearest_row = NearestRow(row, height_);
+  return CastPlane(plane_idx_[PixelIndex(nearest_column, nearest_row)], ray_in_pano);
 }
 
 std::optional<DepthHit> DepthMap::CastPixel(int column, int row) const {

@@ -58,6 +58,9 @@ class DepthMap {
   // inverse range within one surface for a raster. nullopt where there is no surface or the range
   // is not finite and above 0.
   [[nodiscard]] std::optional<DepthHit> Cast(const Eigen::Vector3d& ray_in_pano) const;
+  // The same for a caller that knows the ray's fractional pixel already; saves its arctangents.
+  [[nodiscard]] std::optional<DepthHit> CastAt(double column, double row,
+                                               const Eigen::Vector3d& ray_in_pano) const;
   // The same through the centre of a depth pixel. Throws std::out_of_range outside the map.
   [[nodiscard]] std::optional<DepthHit> CastPixel(int column, int row) const;
   // Unit ray through a pixel's centre (fractional pixels allowed).

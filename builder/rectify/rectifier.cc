@@ -83,14 +83,13 @@ struct Rectifier::Impl {
   // Calls visit(pixel index, column, row) with continuous panorama coordinates, pixel edges at
   // whole numbers: column in [0, width), row in [0, height].
   template <typename Visit>
-  void ForEachPixel(int view_idx, const GrayImage& panorama, const Visit& visit) const {
+  void ForEachPixel(int view_idx, const ImageSize& size, const Visit& visit) const {
     const auto view = static_cast<std::size_t>(view_idx);
     const double yaw_share = std::remainder(directions.at(view).yaw_deg, 360.0) / 360;
     const std::vector<SpherePoint>& points = tables[table_of_view[view]].points;
     for (std::size_t i = 0; i < points.size(); ++i) {
       const double across = Wrap(points[i].across + yaw_share, 1);
-      visit(i, across * panorama.width_px,
-            points[i].down * static_cast<double>(panorama.height_px));
+      visit(i, across * size.width_px, static_cast<double>(points[i].down) * size.height_px);
     }
   }
 };
@@ -143,24 +142,28 @@ const std::vector<ViewDirection>& Rectifier::directions() const { return impl_->
 GrayImage Rectifier::Cut(const GrayImage& panorama, int view_idx) const {
   if (panorama.empty()) throw std::invalid_argument("panorama is empty");
   GrayImage view = EmptyView(impl_->camera);
-  impl_->ForEachPixel(view_idx, panorama, [&](std::size_t i, double column, double row) {
-    // Pixel centres lie at halves; across the seam columns wrap, over the poles rows stay.
-    view.pixels[i] = Bilinear(panorama, Wrap(column - 0.5, panorama.width_px),
-                              std::clamp(row - 0.5, 0.0, panorama.height_px - 1.0));
-  });
+  impl_->ForEachPixel(view_idx, {panorama.width_px, panorama.height_px},
+                      [&](std::size_t i, double column, double row) {
+                        // Pixel centres lie at halves; across the seam columns wrap, over the poles
+                        // rows stay.
+                        view.pixels[i] =
+                            Bilinear(panorama, Wrap(column - 0.5, panorama.width_px),
+                                     std::clamp(row - 0.5, 0.0, panorama.height_px - 1.0));
+                      });
   return view;
 }
 
 GrayImage Rectifier::CutMask(const GrayImage& mask, int view_idx) const {
   if (mask.empty()) throw std::invalid_argument("mask is empty");
   GrayImage view = EmptyView(impl_->camera);
-  impl_->ForEachPixel(view_idx, mask, [&](std::size_t i, double column, double row) {
-    const auto x =
-        std::min(static_cast<std::size_t>(column), static_cast<std::size_t>(mask.width_px) - 1);
-    const auto y =
-        std::min(static_cast<std::size_t>(row), static_cast<std::size_t>(mask.height_px) - 1);
-    view.pixels[i] = mask.pixels[y * static_cast<std::size_t>(mask.width_px) + x];
-  });
+  impl_->ForEachPixel(
+      view_idx, {mask.width_px, mask.height_px}, [&](std::size_t i, double column, double row) {
+        const auto x =
+            std::min(static_cast<std::size_t>(column), static_cast<std::size_t>(mask.width_px) - 1);
+        const auto y =
+            std::min(static_cast<std::size_t>(row), static_cast<std::size_t>(mask.height_px) - 1);
+        view.pixels[i] = mask.pixels[y * static_cast<std::size_t>(mask.width_px) + x];
+      });
   return view;
 }
 
@@ -168,17 +171,16 @@ std::vector<float> Rectifier::CutDepth(const DepthMap& depth, int view_idx) cons
   const Camera& camera = impl_->camera;
   const Eigen::Matrix3d pano_from_cam =
       PanoFromCam(impl_->directions.at(static_cast<std::size_t>(view_idx)));
-  std::vector<float> z_m;
-  z_m.reserve(static_cast<std::size_t>(camera.width_px) *
-              static_cast<std::size_t>(camera.height_px));
-  for (int y = 0; y < camera.height_px; ++y) {
-    for (int x = 0; x < camera.width_px; ++x) {
-      const Eigen::Vector3d ray_in_cam = RayInCam(camera, x, y);
-      const double length = ray_in_cam.norm();
-      const auto hit = depth.Cast(pano_from_cam * (ray_in_cam / length));
-      z_m.push_back(hit ? static_cast<float>(hit->range_m / length) : 0.0F);
-    }
-  }
+  const auto width = static_cast<std::size_t>(camera.width_px);
+  std::vector<float> z_m(width * static_cast<std::size_t>(camera.height_px), 0.0F);
+  const ImageSize size{depth.width(), depth.height()};
+  impl_->ForEachPixel(view_idx, size, [&](std::size_t i, double column, double row) {
+    const Eigen::Vector3d ray_in_cam =
+        RayInCam(camera, static_cast<int>(i % width), static_cast<int>(i / width));
+    const double length = ray_in_cam.norm();
+    const auto hit = depth.CastAt(column - 0.5, row - 0.5, pano_from_cam * (ray_in_cam / length));
+    if (hit) z_m[i] = static_cast<float>(hit->range_m / length);
+  });
   return z_m;
 }
 

@@ -48,6 +48,7 @@ PoseOptions PoseOptionsFor(const LocalizerOptions& options, const Camera& camera
     pose.ransac.local_optimizations = 0;
     pose.ransac.max_reproj_error_px = 3.0;
     pose.refine.use_point_sigma = false;
+    pose.use_guided = false;
     pose.min_inliers = 12;
   }
   return pose;
@@ -66,6 +67,7 @@ struct Localizer::Impl {
   Impl(std::shared_ptr<const MapBundle> map, const Camera& cam, const LocalizerOptions& localizer_options)
       : bundle(std::move(map)), retrieval(bundle), camera(cam), options(localizer_options),
         pose_options(PoseOptionsFor(localizer_options, cam)) {
+    pose_options.use_guided = pose_options.use_guided && bundle->manifest().features.root_sift;
     if (options.num_threads > 0) {
       thread_limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
                                                            static_cast<std::size_t>(options.num_threads));

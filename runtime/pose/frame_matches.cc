@@ -28,27 +28,33 @@ double KeypointSigma_px(float size_px) {
   return std::max(kFloor_px, kShareOfSize * static_cast<double>(size_px));
 }
 
+Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx, std::size_t feature_idx,
+                            const Rigid3& local_from_pano) {
+  const ViewFeatures features = bundle.Features(view_idx);
+  const Eigen::Vector3d point_in_pano = features.point(feature_idx);
+  Correspondence c;
+  c.lever_in_map = local_from_pano.rotation * point_in_pano;
+  c.point_in_map = local_from_pano.translation + c.lever_in_map;
+  c.range_sigma_in_map = c.lever_in_map.normalized() * features.range_sigma_m(feature_idx);
+  // The database keypoint is as uncertain as the frame's: a sideways error of the point.
+  c.point_sigma_m = KeypointSigma_px(features.keypoints[4 * feature_idx + 2]) /
+                    bundle.manifest().camera.fx_px * point_in_pano.norm();
+  c.panorama_idx = static_cast<int>(bundle.views()[view_idx].panorama_idx);
+  c.view_idx = static_cast<int>(view_idx);
+  return c;
+}
+
 ViewMatches MatchView(const FrameFeatures& frame, const Camera& camera, const MapBundle& bundle,
                       std::uint32_t view_idx, const LocalFrame& local, const MatchOptions& options) {
   ViewMatches result;
   result.view_idx = view_idx;
   const ViewFeatures features = bundle.Features(view_idx);
-  const std::uint32_t panorama_idx = bundle.views()[view_idx].panorama_idx;
-  const Rigid3 local_from_pano = local.LocalFromPano(bundle.panoramas()[panorama_idx]);
+  const Rigid3 local_from_pano = local.LocalFromPano(bundle.panoramas()[bundle.views()[view_idx].panorama_idx]);
   for (const FeatureMatch& m : MatchDescriptors(frame.sift.descriptors, features.descriptors, options)) {
-    const auto q = static_cast<std::size_t>(m.query_idx), d = static_cast<std::size_t>(m.database_idx);
-    Correspondence c;
+    const auto q = static_cast<std::size_t>(m.query_idx);
+    Correspondence c = MakeLandmark(bundle, view_idx, static_cast<std::size_t>(m.database_idx), local_from_pano);
     c.bearing_in_cam = frame.bearings[q];
-    const Eigen::Vector3d point_in_pano = features.point(d);
-    c.lever_in_map = local_from_pano.rotation * point_in_pano;
-    c.point_in_map = local_from_pano.translation + c.lever_in_map;
-    c.range_sigma_in_map = c.lever_in_map.normalized() * features.range_sigma_m(d);
-    // The database keypoint is as uncertain as the frame's: a sideways error of the point.
-    c.point_sigma_m = KeypointSigma_px(features.keypoints[4 * d + 2]) / bundle.manifest().camera.fx_px *
-                      point_in_pano.norm();
     c.keypoint_sigma = KeypointSigma_px(frame.sift.keypoints[q].size_px) / camera.fx_px;
-    c.panorama_idx = static_cast<int>(panorama_idx);
-    c.view_idx = static_cast<int>(view_idx);
     result.correspondences.push_back(c);
     result.keypoint_idx.push_back(m.query_idx);
   }

@@ -21,6 +21,11 @@ struct Pool {
   std::vector<int> keypoint_idx;
 };
 
+void Append(const ViewMatches& view, Pool* pool) {
+  pool->matches.insert(pool->matches.end(), view.correspondences.begin(), view.correspondences.end());
+  pool->keypoint_idx.insert(pool->keypoint_idx.end(), view.keypoint_idx.begin(), view.keypoint_idx.end());
+}
+
 bool Agrees(const Correspondence& match, const Rigid3& cam_from_local, double focal_px, double* chi2) {
   Eigen::Vector2d residual;
   if (!BearingResidual(match, cam_from_local, &residual)) return false;
@@ -91,17 +96,60 @@ std::vector<PanoramaPrior> PriorsOf(const Pool& pool, const MapErrors& errors) {
   return priors;
 }
 
-// The first gate that the pose fails, or "".
-std::string FailedGate(const PoseOutcome& outcome, const std::vector<Eigen::Vector2d>& inliers_px,
-                       double chi2_per_dof, int best_elsewhere, const Camera& camera, const MapBundle& bundle,
-                       const LocalFrame& local, const PoseOptions& options) {
-  if (outcome.num_inliers < options.min_inliers) return "too_few_inliers";
-  if (ImageSpread(inliers_px, camera) < options.min_spread) return "inliers_clustered";
-  if (outcome.num_inliers < options.min_lead * best_elsewhere) return "ambiguous_place";
-  const double sigma_m = std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace());
-  if (!(sigma_m < options.max_position_sigma_m)) return "pose_uncertain";
-  if (chi2_per_dof > options.max_chi2_per_dof) return "residuals_too_large";
-  const Rigid3 local_from_cam = outcome.cam_from_local.Inverse();
+// Refines on all matches, then adjusts with the panoramas on those that agree.
+struct Solution {
+  bool success = false;
+  Rigid3 cam_from_local;
+  Matrix6d covariance = Matrix6d::Zero();
+  double chi2_per_dof = 0;
+};
+Solution Solve(const Pool& pool, const Rigid3& start, double focal_px, const MapErrors& errors,
+               const PoseOptions& options) {
+  Solution solution;
+  const Pool single = WithoutRepeats(pool, start, focal_px);
+  const RefineResult refined = RefinePose(single.matches, start, options.refine);
+  if (!refined.success) return solution;
+  // Re-choose among repeats at the refined pose; only what agrees with it enters the adjustment.
+  Pool agreed;
+  const Pool chosen = WithoutRepeats(pool, refined.cam_from_map, focal_px);
+  for (std::size_t i = 0; i < chosen.matches.size(); ++i) {
+    double chi2;
+    if (!Agrees(chosen.matches[i], refined.cam_from_map, focal_px, &chi2)) continue;
+    agreed.matches.push_back(chosen.matches[i]);
+    agreed.keypoint_idx.push_back(chosen.keypoint_idx[i]);
+  }
+  const BundleResult adjusted =
+      LocalBundleAdjustment(agreed.matches, refined.cam_from_map, PriorsOf(agreed, errors), options.bundle);
+  return {adjusted.success, adjusted.cam_from_map, adjusted.covariance, adjusted.chi2_per_dof};
+}
+
+// Counts what agrees with the final pose into the outcome.
+void Summarize(const Pool& pool, const FrameFeatures& frame, const Camera& camera, PoseOutcome* outcome) {
+  std::set<int> keypoints;
+  std::map<int, int> inliers_of_view;
+  for (std::size_t i = 0; i < pool.matches.size(); ++i) {
+    double chi2;
+    if (!Agrees(pool.matches[i], outcome->cam_from_local, camera.fx_px, &chi2)) continue;
+    keypoints.insert(pool.keypoint_idx[i]);
+    ++inliers_of_view[pool.matches[i].view_idx];
+  }
+  outcome->num_inliers = static_cast<int>(keypoints.size());
+  std::vector<std::pair<int, int>> by_count;
+  for (const auto& [view, count] : inliers_of_view) by_count.emplace_back(-count, view);
+  std::sort(by_count.begin(), by_count.end());
+  for (const auto& [count, view] : by_count) outcome->views.push_back(static_cast<std::uint32_t>(view));
+  if (!outcome->views.empty()) outcome->best_view = outcome->views.front();
+  std::vector<Eigen::Vector2d> inliers_px;
+  for (const int k : keypoints) {
+    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
+    inliers_px.emplace_back(keypoint.x_px, keypoint.y_px);
+  }
+  outcome->spread = ImageSpread(inliers_px, camera);
+}
+
+// Where the camera would be against the map's panoramas and a vehicle's attitude, or "".
+std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bundle, const LocalFrame& local,
+                             const PoseOptions& options) {
   double nearest_m = 1e9, height_off_m = 0;
   for (const MapPanorama& panorama : bundle.panoramas()) {
     const Eigen::Vector3d d = local_from_cam.translation - local.FromMap(panorama.map_from_pano.translation);
@@ -114,6 +162,19 @@ std::string FailedGate(const PoseOutcome& outcome, const std::vector<Eigen::Vect
     return "tilt_implausible";
   }
   return "";
+}
+
+// The first gate that the pose fails, or "".
+std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local,
+                       const PoseOptions& options) {
+  if (outcome.num_inliers < options.min_inliers) return "too_few_inliers";
+  if (outcome.spread < options.min_spread) return "inliers_clustered";
+  if (outcome.num_inliers < options.min_lead * outcome.num_elsewhere) return "ambiguous_place";
+  if (options.use_guided && outcome.support < options.min_support) return "landmarks_missing";
+  const double sigma_m = std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace());
+  if (!(sigma_m < options.max_position_sigma_m)) return "pose_uncertain";
+  if (outcome.chi2_per_dof > options.max_chi2_per_dof) return "residuals_too_large";
+  return ImplausiblePlace(outcome.cam_from_local.Inverse(), bundle, local, options);
 }
 
 }  // namespace
@@ -142,73 +203,46 @@ PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatu
   PoseOutcome outcome;
   outcome.covariance = Matrix6d::Zero();
   Pool pool;
-  for (const ViewMatches& view : views) {
-    pool.matches.insert(pool.matches.end(), view.correspondences.begin(), view.correspondences.end());
-    pool.keypoint_idx.insert(pool.keypoint_idx.end(), view.keypoint_idx.begin(), view.keypoint_idx.end());
-  }
+  for (const ViewMatches& view : views) Append(view, &pool);
   const double focal_px = camera.fx_px;
   const std::vector<Hypothesis> hypotheses = FindHypotheses(views, pool, focal_px, options);
   if (hypotheses.empty()) {
-    outcome.reason = pool.matches.size() < 12 ? "too_few_matches" : "no_consensus";
+    constexpr std::size_t kFewestMatches = 12;
+    outcome.reason = pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus";
     return outcome;
   }
   const Hypothesis& best = *std::max_element(
       hypotheses.begin(), hypotheses.end(),
       [](const Hypothesis& a, const Hypothesis& b) { return a.num_keypoints < b.num_keypoints; });
-
-  const Pool single = WithoutRepeats(pool, best.cam_from_local, focal_px);
-  const RefineResult refined = RefinePose(single.matches, best.cam_from_local, options.refine);
-  if (!refined.success) {
-    outcome.reason = "no_consensus";
-    return outcome;
+  const MapErrors& errors = bundle.manifest().errors;
+  Solution solution = Solve(pool, best.cam_from_local, focal_px, errors, options);
+  if (solution.success && options.use_guided) {
+    const KeypointGrid grid(frame, camera);
+    const GuidedMatches guided = MatchGuided(frame, grid, camera, bundle, local, solution.cam_from_local,
+                                             solution.covariance, options.guided);
+    for (const ViewMatches& view : guided.views) Append(view, &pool);
+    outcome.support = guided.num_visible > 0 ? double(guided.num_found) / guided.num_visible : 0;
+    solution = Solve(pool, solution.cam_from_local, focal_px, errors, options);
   }
-  // Re-choose among repeats at the refined pose; only what agrees with it enters the adjustment.
-  Pool agreed;
-  const Pool chosen = WithoutRepeats(pool, refined.cam_from_map, focal_px);
-  for (std::size_t i = 0; i < chosen.matches.size(); ++i) {
-    double chi2;
-    if (!Agrees(chosen.matches[i], refined.cam_from_map, focal_px, &chi2)) continue;
-    agreed.matches.push_back(chosen.matches[i]);
-    agreed.keypoint_idx.push_back(chosen.keypoint_idx[i]);
-  }
-  const BundleResult adjusted = LocalBundleAdjustment(agreed.matches, refined.cam_from_map,
-                                                      PriorsOf(agreed, bundle.manifest().errors), options.bundle);
-  if (!adjusted.success) {
+  if (!solution.success) {
     outcome.reason = "no_consensus";
     return outcome;
   }
   outcome.found = true;
-  outcome.cam_from_local = adjusted.cam_from_map;
-  outcome.covariance = adjusted.covariance;
-
-  std::set<int> keypoints;
-  std::map<int, int> inliers_of_view;
-  for (std::size_t i = 0; i < pool.matches.size(); ++i) {
-    double chi2;
-    if (!Agrees(pool.matches[i], outcome.cam_from_local, focal_px, &chi2)) continue;
-    keypoints.insert(pool.keypoint_idx[i]);
-    ++inliers_of_view[pool.matches[i].view_idx];
-  }
-  outcome.num_inliers = static_cast<int>(keypoints.size());
-  std::vector<std::pair<int, int>> by_count;
-  for (const auto& [view, count] : inliers_of_view) by_count.emplace_back(-count, view);
-  std::sort(by_count.begin(), by_count.end());
-  for (const auto& [count, view] : by_count) outcome.views.push_back(static_cast<std::uint32_t>(view));
-  if (!outcome.views.empty()) outcome.best_view = outcome.views.front();
-
-  std::vector<Eigen::Vector2d> inliers_px;
-  for (const int k : keypoints) {
-    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
-    inliers_px.emplace_back(keypoint.x_px, keypoint.y_px);
-  }
-  int best_elsewhere = 0;
+  outcome.cam_from_local = solution.cam_from_local;
+  outcome.covariance = solution.covariance;
+  outcome.chi2_per_dof = solution.chi2_per_dof;
+  Summarize(pool, frame, camera, &outcome);
   for (const Hypothesis& h : hypotheses) {
     if ((CentreOf(h.cam_from_local) - CentreOf(outcome.cam_from_local)).norm() > options.elsewhere_m) {
-      best_elsewhere = std::max(best_elsewhere, h.num_keypoints);
+      outcome.num_elsewhere = std::max(outcome.num_elsewhere, h.num_keypoints);
     }
   }
-  outcome.reason = FailedGate(outcome, inliers_px, adjusted.chi2_per_dof, best_elsewhere, camera, bundle, local, options);
+  outcome.reason = FailedGate(outcome, bundle, local, options);
   outcome.trusted = outcome.reason.empty();
+  LogDebug(Format("pose: %d inliers, %d elsewhere, spread %.3f, support %.3f, chi2 %.2f, %s", outcome.num_inliers,
+                  outcome.num_elsewhere, outcome.spread, outcome.support, outcome.chi2_per_dof,
+                  outcome.trusted ? "trusted" : outcome.reason.c_str()));
   return outcome;
 }
 

@@ -9,6 +9,7 @@
 #include "common/estimate/refine.h"
 #include "common/map/map_bundle.h"
 #include "runtime/pose/frame_matches.h"
+#include "runtime/pose/guided_matching.h"
 
 namespace panofix {
 
@@ -16,11 +17,14 @@ struct PoseOptions {
   RansacOptions ransac;   // a view's search; the focal length and seed are set by the caller
   RefineOptions refine;
   BundleOptions bundle;
+  bool use_guided = true;  // search landmarks around the first pose; needs RootSIFT
+  GuidedOptions guided;
   int min_view_inliers = 8;      // consensus that makes a view's pose a hypothesis
   int min_inliers = 16;          // distinct keypoints that agree with the final pose
   double min_spread = 0.05;      // of the inliers over the image: 1 = uniform (see ImageSpread)
   double min_lead = 1.5;         // inliers over those of the best pose elsewhere: look-alikes end here
   double elsewhere_m = 4.0;      // what counts as elsewhere
+  double min_support = 0.06;     // landmarks found over landmarks visible, with guided matching
   double max_position_sigma_m = 1.0;   // beyond, no fix
   double fix_position_sigma_m = 0.5;   // beyond, only degraded
   double max_chi2_per_dof = 3.0;
@@ -38,6 +42,10 @@ struct PoseOutcome {
   Rigid3 cam_from_local;
   Matrix6d covariance;       // of the camera's pose in the local frame
   int num_inliers = 0;       // distinct keypoints
+  double support = 0;        // share of visible landmarks found; 0 without guided matching
+  double spread = 0;         // ImageSpread of the inliers
+  double chi2_per_dof = 0;
+  int num_elsewhere = 0;     // inliers of the best pose elsewhere
   std::vector<std::uint32_t> views;  // views with inliers, most first
   std::uint32_t best_view = 0;
 };

@@ -7,6 +7,8 @@ namespace {
 
 using Eigen::Vector3d;
 
+// Behind a corner's other front, so that nothing shows through that front's openings.
+constexpr double kCornerInset_m = 1.2;
 constexpr double kCellar_m = 1.5;  // wall below the lowest ground, so that no slope opens a gap
 
 std::uint32_t AddWindowMaterial(World& world, const FacadeStyle& style, Rng& rng) {
@@ -46,25 +48,31 @@ void AddUpperFloors(World& world, const WallFrame& frame, double width_m, const 
   }
 }
 
-void AddRoof(World& world, const WallFrame& frame, double width_m, double depth_m, double top_m,
+// Ends of the house's body along the front.
+struct Body {
+  double left_m, right_m;
+  Body(const Lot& lot, double width_m)
+      : left_m(lot.corner_left ? kCornerInset_m : 0),
+        right_m(width_m - (lot.corner_right ? kCornerInset_m : 0)) {}
+};
+
+void AddRoof(World& world, const WallFrame& frame, const Body& body, double depth_m, double top_m,
              const FacadeStyle& style) {
   const double rise_m = style.roof_m, back_m = rise_m > 0 ? 0.55 * depth_m : depth_m;
-  world.AddQuad(frame.At(0, top_m), frame.At(width_m, top_m),
-                frame.At(width_m, top_m + rise_m, -back_m), frame.At(0, top_m + rise_m, -back_m),
-                style.roof);
+  const double l = body.left_m, r = body.right_m;
+  world.AddQuad(frame.At(l, top_m), frame.At(r, top_m), frame.At(r, top_m + rise_m, -back_m),
+                frame.At(l, top_m + rise_m, -back_m), style.roof);
   if (rise_m <= 0) return;
-  world.AddQuad(frame.At(width_m, top_m, -depth_m), frame.At(0, top_m, -depth_m),
-                frame.At(0, top_m + rise_m, -back_m), frame.At(width_m, top_m + rise_m, -back_m),
+  world.AddQuad(frame.At(r, top_m, -depth_m), frame.At(l, top_m, -depth_m),
+                frame.At(l, top_m + rise_m, -back_m), frame.At(r, top_m + rise_m, -back_m),
                 style.roof);
-  for (const double u : {0.0, width_m}) {
-    const Vector3d front = frame.At(u, top_m), back = frame.At(u, top_m, -depth_m),
-                   ridge = frame.At(u, top_m + rise_m, -back_m);
-    if (u > 0) {
-      world.AddQuad(front, back, ridge, ridge, style.reveal);
-    } else {
-      world.AddQuad(back, front, ridge, ridge, style.reveal);
-    }
-  }
+  const auto gable = [&](double u, double from_w, double to_w) {
+    const Vector3d ridge = frame.At(u, top_m + rise_m, -back_m);
+    world.AddQuad(frame.At(u, top_m, from_w), frame.At(u, top_m, to_w), ridge, ridge, style.wall, 0,
+                  top_m);
+  };
+  gable(l, -depth_m, 0);
+  gable(r, 0, -depth_m);
 }
 
 void AddChimney(World& world, const WallFrame& frame, double width_m, double top_m,
@@ -74,23 +82,23 @@ void AddChimney(World& world, const WallFrame& frame, double width_m, double top
             top_m + style.roof_m + rng.Uniform(0.8, 1.6), -3.4, -2.6, style.wall);
 }
 
-void AddSideWalls(World& world, const WallFrame& frame, const Lot& lot, double width_m,
+void AddSideWalls(World& world, const WallFrame& frame, const Lot& lot, const Body& body,
                   double top_m, std::uint32_t material) {
-  constexpr double kCornerInset_m = 1.2;
-  const double left = lot.corner_left ? kCornerInset_m : 0;
-  const double right = width_m - (lot.corner_right ? kCornerInset_m : 0);
-  const double d = lot.depth_m, v0 = -kCellar_m;
+  const double left = body.left_m, right = body.right_m, d = lot.depth_m, v0 = -kCellar_m;
   const auto wall = [&](const Vector3d& p0, const Vector3d& p1, const Vector3d& p2,
                         const Vector3d& p3, bool is_plane) {
     world.AddQuad(p0, p1, p2, p3, material, 0, v0);
     if (is_plane) world.AddPlane(p0, p1, p2, p3);
   };
-  wall(frame.At(left, v0, -d), frame.At(left, v0), frame.At(left, top_m), frame.At(left, top_m, -d),
-       !lot.corner_left);
-  wall(frame.At(right, v0), frame.At(right, v0, -d), frame.At(right, top_m, -d),
-       frame.At(right, top_m), !lot.corner_right);
-  wall(frame.At(width_m, v0, -d), frame.At(0, v0, -d), frame.At(0, top_m, -d),
-       frame.At(width_m, top_m, -d), false);
+  // At a corner the side wall is hidden; it must not cut the front's own openings.
+  const double left_w = lot.corner_left ? -kCornerInset_m : 0;
+  const double right_w = lot.corner_right ? -kCornerInset_m : 0;
+  wall(frame.At(left, v0, -d), frame.At(left, v0, left_w), frame.At(left, top_m, left_w),
+       frame.At(left, top_m, -d), !lot.corner_left);
+  wall(frame.At(right, v0, right_w), frame.At(right, v0, -d), frame.At(right, top_m, -d),
+       frame.At(right, top_m, right_w), !lot.corner_right);
+  wall(frame.At(right, v0, -d), frame.At(left, v0, -d), frame.At(left, top_m, -d),
+       frame.At(right, top_m, -d), false);
 }
 
 }  // namespace
@@ -116,9 +124,10 @@ void AddBuilding(World& world, const Lot& lot, Rng style_rng, Rng daily) {
     AddRelief(world, frame, -0.02, width_m + 0.02, top_m - 0.3, top_m, 0, 0.35, style.trim);
     AddRelief(world, frame, -0.02, width_m + 0.02, top_m - 0.5, top_m - 0.3, 0, 0.16, style.trim);
   }
-  AddRoof(world, frame, width_m, lot.depth_m, top_m, style);
+  const Body body(lot, width_m);
+  AddRoof(world, frame, body, lot.depth_m, top_m, style);
   AddChimney(world, frame, width_m, top_m, style, style_rng);
-  AddSideWalls(world, frame, lot, width_m, top_m, style.wall);
+  AddSideWalls(world, frame, lot, body, top_m, style.wall);
   world.AddPlane(frame.At(0, low_v), frame.At(width_m, low_v), frame.At(width_m, top_m),
                  frame.At(0, top_m));
   ++world.num_buildings;

@@ -29,9 +29,9 @@ void AppendFloat(std::string& bytes, double value) {
 }
 
 std::string Base64(const std::string& bytes, bool url_safe, bool padded) {
-  const std::string alphabet =
-      std::string("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789") +
-      (url_safe ? "-_" : "+/");
+  constexpr char kUrlSafe[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
+  constexpr char kClassic[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  const char* alphabet = url_safe ? kUrlSafe : kClassic;
   std::string text;
   for (std::size_t i = 0; i < bytes.size(); i += 3) {
     const std::size_t count = std::min<std::size_t>(3, bytes.size() - i);

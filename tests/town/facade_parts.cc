@@ -43,7 +43,7 @@ void AddBalcony(World& world, const WallFrame& frame, const Opening& o, const Fa
 // A board with letters flat on the wall and, sometimes, one that hangs over the pavement.
 void AddShopSigns(World& world, const WallFrame& frame, double u0, double u1, double v, Rng& rng) {
   const double height_m = rng.Uniform(0.45, 0.75);
-  const Rgb board = DrawColour(rng, 0.9, 0.06, 0.7), letters = DrawColour(rng, 0.5, 0.6, 0.95);
+  const Rgb board = DrawColour(rng, 0.7, 0.03, 0.5), letters = DrawColour(rng, 0.5, 0.6, 0.95);
   AddRelief(world, frame, u0, u1, v, v + height_m, 0, rng.Uniform(0.06, 0.22),
             world.AddMaterial(Made(MaterialKind::kSign, rng, board, letters, u1 - u0, height_m)),
             true);
@@ -85,7 +85,7 @@ void AddPosters(World& world, const WallFrame& frame, double u0, double u1, Rng&
 
 Opening MakeDoor(World& world, double u0, double u1, double v1, const FacadeStyle& style,
                  Rng& rng) {
-  const Rgb colour = DrawColour(rng, 0.8, 0.1, 0.45);
+  const Rgb colour = DrawColour(rng, 0.55, 0.06, 0.4);
   const auto door =
       world.AddMaterial(Made(MaterialKind::kDoor, rng, colour, style.frame_colour, u1 - u0, v1));
   return {u0, u1, 0.02, v1, style.recess_m + 0.1, door};
@@ -130,7 +130,7 @@ std::vector<Opening> AddGroundFloor(World& world, const WallFrame& frame, double
     if (style.shop) {
       const double w = std::min(room_m, rng.Uniform(2.2, 4.4));
       const auto front =
-          world.AddMaterial(Made(MaterialKind::kShop, rng, DrawColour(rng, 0.9, 0.08, 0.5),
+          world.AddMaterial(Made(MaterialKind::kShop, rng, DrawColour(rng, 0.6, 0.03, 0.4),
                                  DrawColour(daily, 0.7, 0.2, 0.8), w, lintel_m));
       openings.push_back({u, u + w, 0.25, lintel_m, rng.Uniform(0.08, 0.4), front});
       AddShopSigns(world, frame, u - 0.1, u + w + 0.1, lintel_m + 0.05, rng);

@@ -27,7 +27,7 @@ WallSkin DrawSkin(Rng& rng, WallPattern pattern) {
       break;
     case WallPattern::kPlaster:
       units(1.0, 2.4, 0.8, 1.9);
-      skin.colour = DrawColour(rng, 0.35, 0.28, 0.75);
+      skin.colour = Mix(DrawColour(rng, 0.22, 0.3, 0.75), {0.62f, 0.54f, 0.42f}, f(0.4f, 0.95f));
       skin.joint = skin.colour * 0.7f;
       break;
     case WallPattern::kStone:
@@ -37,7 +37,7 @@ WallSkin DrawSkin(Rng& rng, WallPattern pattern) {
       break;
     case WallPattern::kPanels:
       units(0.8, 1.7, 0.5, 1.2);
-      skin.colour = DrawColour(rng, 0.25, 0.25, 0.6);
+      skin.colour = DrawColour(rng, 0.12, 0.25, 0.6);
       skin.joint = skin.colour * 0.35f;
       break;
   }
@@ -124,7 +124,7 @@ FacadeStyle DrawFacadeStyle(World& world, double width_m, double height_scale, R
   style.trim = plain(MaterialKind::kPlain, trim);
   style.reveal = plain(MaterialKind::kPlain, Mix(wall.upper.colour, trim, 0.5f) * 0.9f);
   style.metal = plain(MaterialKind::kPlain, {0.05f, 0.05f, 0.06f});
-  style.shutter = plain(MaterialKind::kDoor, DrawColour(rng, 0.8, 0.15, 0.6), 1);
+  style.shutter = plain(MaterialKind::kDoor, DrawColour(rng, 0.55, 0.1, 0.5), 1);
   style.roof = plain(MaterialKind::kRoof,
                      rng.Uniform() < 0.5 ? Rgb{0.3f, 0.13f, 0.08f} : Rgb{0.13f, 0.14f, 0.17f});
   return style;

@@ -76,7 +76,7 @@ Rgb CarColour(Rng& rng) {
   const double pick = rng.Uniform();
   if (pick < 0.25) return Rgb{1, 1, 1} * static_cast<float>(rng.Uniform(0.55, 0.75));
   if (pick < 0.6) return Rgb{1, 1, 1.03f} * static_cast<float>(rng.Uniform(0.02, 0.3));
-  return DrawColour(rng, 1.0, 0.1, 0.5);
+  return DrawColour(rng, 0.85, 0.05, 0.3);
 }
 
 void AddLeaves(World& world, const Vector3d& centre, double radius_m, int count, std::uint32_t leaf,

@@ -22,9 +22,9 @@ bool GlyphBit(std::uint32_t letter, int column, int row) {
 
 // Things behind glass: a few hashed boxes in rows.
 Rgb Goods(const Material& m, float u, float v, std::uint32_t seed, const Footprint& f) {
-  const float shelf_m = 0.34f;
+  const float shelf_m = 0.24f + 0.5f * Unit(seed, 11);
   const int row = FloorInt(v / shelf_m);
-  const float cell_m = 0.14f + 0.3f * Unit(HashInt(row, 3, seed));
+  const float cell_m = shelf_m * (0.35f + 0.9f * Unit(HashInt(row, 3, seed)));
   const int column = FloorInt(u / cell_m);
   const std::uint32_t h = HashInt(column, row, seed);
   const float in_u = u - static_cast<float>(column) * cell_m,
@@ -32,10 +32,13 @@ Rgb Goods(const Material& m, float u, float v, std::uint32_t seed, const Footpri
   const float height = shelf_m * (0.3f + 0.65f * Unit(h, 1));
   const float item =
       Unit(h, 2) < 0.75f ? BoxCoverage(in_u, in_v, 0.02f, cell_m * 0.9f, 0.02f, height, f) : 0;
-  const Rgb tint = Mix(m.b, {Unit(h, 4), Unit(h, 5), Unit(h, 6)}, 0.7f) * 0.55f;
+  const float grey = 0.15f + 0.7f * Unit(h, 7);
+  const Rgb tint =
+      Mix(Mix(m.b, {grey, grey, grey}, 0.6f), {Unit(h, 4), Unit(h, 5), Unit(h, 6)}, 0.4f) * 0.55f;
   const float label =
       BoxCoverage(in_u, in_v, cell_m * 0.25f, cell_m * 0.65f, height * 0.3f, height * 0.6f, f);
-  return Mix({0.035f, 0.033f, 0.03f}, Mix(tint, {0.5f, 0.5f, 0.45f}, label), item);
+  const float depth = 0.035f * (1 + Rough(u, v, 1.3f, 3, seed ^ 21u, f));
+  return Mix({depth, depth, 0.9f * depth}, Mix(tint, {0.5f, 0.5f, 0.45f}, label), item);
 }
 
 }  // namespace
@@ -101,6 +104,11 @@ SurfaceColour ShopColour(const Material& m, float u, float v, const Footprint& f
   const float pane_m = w / std::max(1.0f, std::round(w / (0.9f + 0.8f * Unit(s, 1))));
   const float plinth = 0.15f + 0.45f * Unit(s, 2);
   Rgb colour = Goods(m, u, v, Hash(s, static_cast<std::uint32_t>(m.b.r * 1e4f), 3), f);
+  if (m.style == 1) {  // a scene instead of shelves
+    const float scene = Rough(u, v, 1.7f, 4, s ^ 31u, f);
+    colour = Mix(Mix({0.04f, 0.04f, 0.045f}, m.b * 0.5f, Clamp01(1.5f * scene)), m.c * 0.4f,
+                 Clamp01(4 * scene - 2.4f));
+  }
   const float text_m = 0.12f + 0.12f * Unit(s, 3);
   const float text =
       TextCoverage(u - 0.2f * w, v - h * 0.55f, text_m, 4 + static_cast<int>(s % 7u), s ^ 1u, f);

@@ -109,6 +109,12 @@ Rgb WallColour(const WallStyle& style, std::uint32_t seed, float u, float v, con
       Scribble(mark, u, v, f, colour);
     }
   }
+  // Pits and flecks at hand's breadth: what close views hold on to.
+  const float pit =
+      ValueNoise(u * 4.5f, v * 4.5f, seed ^ 0x61u) + 0.5f * Octave(u, v, 13, seed ^ 0x62u, f);
+  const float seen = Fade(f.Max(), 6) * (0.25f + 0.75f * Unit(seed, 9));
+  if (pit > 0.62f) colour = colour * (1 - seen * std::min(0.4f, 1.6f * (pit - 0.62f)));
+  if (pit < -0.68f) colour = colour * (1 + seen * std::min(0.3f, 1.4f * (-0.68f - pit)));
   // Runs of dirt, and splashes at the foot.
   const float stain = style.upper.stain;
   const float run = ValueNoise(u * 3.1f, v * 0.25f, seed ^ 0x51u) +
