@@ -70,6 +70,20 @@ int FindKeypoint(const Search& search, const Eigen::Vector2d& px, double radius_
   return best;
 }
 
+// A place at the decoy offset, in a direction that changes from landmark to landmark, inside the picture.
+Eigen::Vector2d DecoyOf(const Search& search, const Eigen::Vector2d& px, std::size_t landmark_idx) {
+  constexpr double kDirections[4][2] = {{1, 0}, {-1, 0}, {0.6, 0.8}, {-0.6, -0.8}};
+  const double offset_px = search.options.decoy_offset_px;
+  for (std::size_t turn = 0; turn < 4; ++turn) {
+    const double* d = kDirections[(landmark_idx + turn) % 4];
+    const Eigen::Vector2d decoy = px + offset_px * Eigen::Vector2d(d[0], d[1]);
+    if (decoy.x() >= 0 && decoy.y() >= 0 && decoy.x() < search.camera.width_px && decoy.y() < search.camera.height_px) {
+      return decoy;
+    }
+  }
+  return px + Eigen::Vector2d(0, px.y() > offset_px ? -offset_px : offset_px);
+}
+
 void SearchView(const Search& search, const MapBundle& bundle, std::uint32_t view_idx, const LocalFrame& local,
                 GuidedMatches* result) {
   const MapView& view = bundle.views()[view_idx];
@@ -105,9 +119,12 @@ void SearchView(const Search& search, const MapBundle& bundle, std::uint32_t vie
     if (size_px < kSmallestSize_px) continue;
     ++result->num_visible;
     c.keypoint_sigma = KeypointSigma_px(static_cast<float>(size_px)) / search.camera.fx_px;
-    const int k = FindKeypoint(search, *px, SearchRadius_px(search, c), size_px,
-                               double{features.keypoints[4 * i + 3]} + roll_deg,
-                               features.descriptors.data() + i * kDescriptorSize);
+    const double radius_px = SearchRadius_px(search, c);
+    const double angle_deg = double{features.keypoints[4 * i + 3]} + roll_deg;
+    const std::uint8_t* descriptor = features.descriptors.data() + i * kDescriptorSize;
+    const Eigen::Vector2d decoy = DecoyOf(search, *px, i);
+    if (FindKeypoint(search, decoy, radius_px, size_px, angle_deg, descriptor) >= 0) ++result->num_decoys;
+    const int k = FindKeypoint(search, *px, radius_px, size_px, angle_deg, descriptor);
     if (k < 0) continue;
     ++result->num_found;
     const auto found = static_cast<std::size_t>(k);

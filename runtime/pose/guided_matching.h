@@ -18,6 +18,7 @@ struct GuidedOptions {
   double max_descriptor_distance = 330;  // of RootSIFT bytes; unrelated features lie near 600
   double max_scale_ratio = 1.8;    // between predicted and found keypoint size
   double max_turn_deg = 25;        // between predicted and found keypoint orientation
+  double decoy_offset_px = 70;     // how far off the chance windows lie
   double max_viewing_deg = 60;     // between the two lines of sight to a landmark
 };
 
@@ -25,6 +26,7 @@ struct GuidedMatches {
   std::vector<ViewMatches> views;   // only those with a match
   int num_visible = 0;              // landmarks that the pose puts in the picture
   int num_found = 0;                // of these, found
+  int num_decoys = 0;               // found as well in a window of the same size put elsewhere: chance
 };
 
 // Frame keypoints by image cell, for window queries.

@@ -147,6 +147,52 @@ void Summarize(const Pool& pool, const FrameFeatures& frame, const Camera& camer
   outcome->spread = ImageSpread(inliers_px, camera);
 }
 
+// The hypotheses worth a guided search: most keypoints first, near repeats left out, one where it is sure.
+std::vector<Hypothesis> DistinctBest(std::vector<Hypothesis> hypotheses, const PoseOptions& options) {
+  constexpr double kSamePlace_m = 0.7, kSameTurn_rad = 0.05;
+  std::stable_sort(hypotheses.begin(), hypotheses.end(),
+                   [](const Hypothesis& a, const Hypothesis& b) { return a.num_keypoints > b.num_keypoints; });
+  const bool one = !options.use_guided || (!hypotheses.empty() && hypotheses[0].num_keypoints >= options.sure_inliers);
+  const std::size_t most = one ? 1 : static_cast<std::size_t>(options.max_candidates);
+  std::vector<Hypothesis> distinct;
+  for (const Hypothesis& h : hypotheses) {
+    const bool repeat = std::any_of(distinct.begin(), distinct.end(), [&](const Hypothesis& d) {
+      return (CentreOf(d.cam_from_local) - CentreOf(h.cam_from_local)).norm() < kSamePlace_m &&
+             AngleBetween(d.cam_from_local.rotation, h.cam_from_local.rotation) < kSameTurn_rad;
+    });
+    if (!repeat) distinct.push_back(h);
+    if (distinct.size() == most) break;
+  }
+  return distinct;
+}
+
+// From a hypothesis to a pose: refinement, guided rounds, adjustment.
+PoseOutcome Complete(const Hypothesis& hypothesis, const Pool& retrieved, const FrameFeatures& frame,
+                     const KeypointGrid& grid, const Camera& camera, const MapBundle& bundle,
+                     const LocalFrame& local, const PoseOptions& options) {
+  PoseOutcome outcome;
+  outcome.covariance = Matrix6d::Zero();
+  const MapErrors& errors = bundle.manifest().errors;
+  Pool pool = retrieved;
+  Solution solution = Solve(pool, hypothesis.cam_from_local, camera.fx_px, errors, options);
+  for (int round = 0; options.use_guided && solution.success && round < options.guided_rounds; ++round) {
+    const GuidedMatches guided = MatchGuided(frame, grid, camera, bundle, local, solution.cam_from_local,
+                                             solution.covariance, options.guided);
+    pool = retrieved;
+    for (const ViewMatches& view : guided.views) Append(view, &pool);
+    outcome.support = double(guided.num_found - guided.num_decoys) / std::max(1, guided.num_visible);
+    outcome.over_chance = double(guided.num_found) / std::max(1, guided.num_decoys);
+    solution = Solve(pool, solution.cam_from_local, camera.fx_px, errors, options);
+  }
+  if (!solution.success) return outcome;
+  outcome.found = true;
+  outcome.cam_from_local = solution.cam_from_local;
+  outcome.covariance = solution.covariance;
+  outcome.chi2_per_dof = solution.chi2_per_dof;
+  Summarize(pool, frame, camera, &outcome);
+  return outcome;
+}
+
 // Where the camera would be against the map's panoramas and a vehicle's attitude, or "".
 std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bundle, const LocalFrame& local,
                              const PoseOptions& options) {
@@ -170,7 +216,10 @@ std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, cons
   if (outcome.num_inliers < options.min_inliers) return "too_few_inliers";
   if (outcome.spread < options.min_spread) return "inliers_clustered";
   if (outcome.num_inliers < options.min_lead * outcome.num_elsewhere) return "ambiguous_place";
-  if (options.use_guided && outcome.support < options.min_support) return "landmarks_missing";
+  if (options.use_guided &&
+      (outcome.support < options.min_support || outcome.over_chance < options.min_over_chance)) {
+    return "landmarks_missing";
+  }
   const double sigma_m = std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace());
   if (!(sigma_m < options.max_position_sigma_m)) return "pose_uncertain";
   if (outcome.chi2_per_dof > options.max_chi2_per_dof) return "residuals_too_large";
@@ -200,50 +249,33 @@ double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera)
 PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatures& frame,
                          const Camera& camera, const MapBundle& bundle, const LocalFrame& local,
                          const PoseOptions& options) {
-  PoseOutcome outcome;
-  outcome.covariance = Matrix6d::Zero();
   Pool pool;
   for (const ViewMatches& view : views) Append(view, &pool);
-  const double focal_px = camera.fx_px;
-  const std::vector<Hypothesis> hypotheses = FindHypotheses(views, pool, focal_px, options);
-  if (hypotheses.empty()) {
-    constexpr std::size_t kFewestMatches = 12;
-    outcome.reason = pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus";
-    return outcome;
-  }
-  const Hypothesis& best = *std::max_element(
-      hypotheses.begin(), hypotheses.end(),
-      [](const Hypothesis& a, const Hypothesis& b) { return a.num_keypoints < b.num_keypoints; });
-  const MapErrors& errors = bundle.manifest().errors;
-  Solution solution = Solve(pool, best.cam_from_local, focal_px, errors, options);
-  if (solution.success && options.use_guided) {
-    const KeypointGrid grid(frame, camera);
-    const GuidedMatches guided = MatchGuided(frame, grid, camera, bundle, local, solution.cam_from_local,
-                                             solution.covariance, options.guided);
-    for (const ViewMatches& view : guided.views) Append(view, &pool);
-    outcome.support = guided.num_visible > 0 ? double(guided.num_found) / guided.num_visible : 0;
-    solution = Solve(pool, solution.cam_from_local, focal_px, errors, options);
-  }
-  if (!solution.success) {
-    outcome.reason = "no_consensus";
-    return outcome;
-  }
-  outcome.found = true;
-  outcome.cam_from_local = solution.cam_from_local;
-  outcome.covariance = solution.covariance;
-  outcome.chi2_per_dof = solution.chi2_per_dof;
-  Summarize(pool, frame, camera, &outcome);
-  for (const Hypothesis& h : hypotheses) {
-    if ((CentreOf(h.cam_from_local) - CentreOf(outcome.cam_from_local)).norm() > options.elsewhere_m) {
-      outcome.num_elsewhere = std::max(outcome.num_elsewhere, h.num_keypoints);
+  const std::vector<Hypothesis> hypotheses = FindHypotheses(views, pool, camera.fx_px, options);
+  PoseOutcome best;
+  best.covariance = Matrix6d::Zero();
+  constexpr std::size_t kFewestMatches = 12;
+  best.reason = pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus";
+  const KeypointGrid grid(frame, camera);
+  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) {
+    PoseOutcome outcome = Complete(hypothesis, pool, frame, grid, camera, bundle, local, options);
+    if (!outcome.found) continue;
+    for (const Hypothesis& h : hypotheses) {
+      if ((CentreOf(h.cam_from_local) - CentreOf(outcome.cam_from_local)).norm() > options.elsewhere_m) {
+        outcome.num_elsewhere = std::max(outcome.num_elsewhere, h.num_keypoints);
+      }
+    }
+    outcome.reason = FailedGate(outcome, bundle, local, options);
+    outcome.trusted = outcome.reason.empty();
+    LogDebug(Format("pose: %d inliers, %d elsewhere, spread %.3f, support %.3f, over chance %.1f, chi2 %.2f, %s",
+                    outcome.num_inliers, outcome.num_elsewhere, outcome.spread, outcome.support,
+                    outcome.over_chance, outcome.chi2_per_dof, outcome.trusted ? "trusted" : outcome.reason.c_str()));
+    if (std::make_tuple(outcome.trusted, outcome.support, outcome.num_inliers) >
+        std::make_tuple(best.trusted, best.support, best.num_inliers)) {
+      best = outcome;
     }
   }
-  outcome.reason = FailedGate(outcome, bundle, local, options);
-  outcome.trusted = outcome.reason.empty();
-  LogDebug(Format("pose: %d inliers, %d elsewhere, spread %.3f, support %.3f, chi2 %.2f, %s", outcome.num_inliers,
-                  outcome.num_elsewhere, outcome.spread, outcome.support, outcome.chi2_per_dof,
-                  outcome.trusted ? "trusted" : outcome.reason.c_str()));
-  return outcome;
+  return best;
 }
 
 }  // namespace panofix

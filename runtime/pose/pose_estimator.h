@@ -24,7 +24,12 @@ struct PoseOptions {
   double min_spread = 0.05;      // of the inliers over the image: 1 = uniform (see ImageSpread)
   double min_lead = 1.5;         // inliers over those of the best pose elsewhere: look-alikes end here
   double elsewhere_m = 4.0;      // what counts as elsewhere
-  double min_support = 0.06;     // landmarks found over landmarks visible, with guided matching
+  int guided_rounds = 2;         // searches, each from the pose of the last
+  int max_candidates = 4;        // distinct hypotheses that guided matching is tried on
+  int sure_inliers = 80;         // a hypothesis with more needs no rival tried
+  // With guided matching: landmarks found beyond chance over landmarks visible, and found over chance.
+  double min_support = 0.03;
+  double min_over_chance = 3.0;
   double max_position_sigma_m = 1.0;   // beyond, no fix
   double fix_position_sigma_m = 0.5;   // beyond, only degraded
   double max_chi2_per_dof = 3.0;
@@ -42,7 +47,8 @@ struct PoseOutcome {
   Rigid3 cam_from_local;
   Matrix6d covariance;       // of the camera's pose in the local frame
   int num_inliers = 0;       // distinct keypoints
-  double support = 0;        // share of visible landmarks found; 0 without guided matching
+  double support = 0;        // share of visible landmarks found beyond chance; 0 without guided matching
+  double over_chance = 0;    // landmarks found over those found in decoy windows
   double spread = 0;         // ImageSpread of the inliers
   double chi2_per_dof = 0;
   int num_elsewhere = 0;     // inliers of the best pose elsewhere

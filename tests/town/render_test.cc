@@ -25,7 +25,8 @@ Light Flat() {
   return light;
 }
 
-// A bright square facing the origin at `centre`, before a dark dome of six walls.
+// A bright square facing the origin at `centre`, before a dark dome of six walls. Hundreds of
+// metres away, so that the grain of its surface has faded.
 World MarkerWorld(const Vector3d& centre) {
   World world;
   Material bright, dark;
@@ -37,7 +38,7 @@ World MarkerWorld(const Vector3d& centre) {
   const double s = 0.02 * centre.norm();
   world.AddQuad(centre - s * u - s * v, centre + s * u - s * v, centre + s * u + s * v,
                 centre - s * u + s * v, bright_idx);
-  const double r = 100;
+  const double r = 2000;
   world.AddBox({-r, -r, -r}, {2 * r, 0, 0}, {0, 2 * r, 0}, {0, 0, 2 * r}, dark_idx);
   world.AddQuad({-r, -r, -r}, {-r, r, -r}, {r, r, -r}, {r, -r, -r}, dark_idx);
   return world;
@@ -47,7 +48,7 @@ Vector2d Centroid(const std::vector<Rgb>& pixels, int width) {
   double sum = 0;
   Vector2d at(0, 0);
   for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const double weight = std::min(1.0, static_cast<double>(pixels[i].g));  // evens out the grain
+    const double weight = static_cast<double>(pixels[i].g);
     sum += weight;
     at += weight * Vector2d(static_cast<double>(i % static_cast<std::size_t>(width)),
                             static_cast<double>(i / static_cast<std::size_t>(width)));
@@ -60,7 +61,7 @@ TEST(RendererTest, PanoramaPixelsFollowTheContract) {
   const Rigid3 town_from_pano(EnuFromBody({35, 4, -3}), Vector3d::Zero());
   for (const Vector3d& ray :
        {Vector3d(0.3, 1, 0.2), Vector3d(-1, -0.4, -0.3), Vector3d(1, 0.1, 0.5)}) {
-    const World world = MarkerWorld(town_from_pano * (6.0 * ray.normalized()));
+    const World world = MarkerWorld(town_from_pano * (600.0 * ray.normalized()));
     const Renderer renderer(world, Flat(), 16);
     std::vector<Rgb> pixels(kWidth * kWidth / 2);
     renderer.PanoramaRows(town_from_pano, kWidth, 0, kWidth / 2, pixels.data());
@@ -80,7 +81,7 @@ TEST(RendererTest, FramesDrawPointsWhereTheCameraProjectsThem) {
     const Rigid3 town_from_cam(Eigen::Matrix3d(EnuFromBody({-100, 5, 2}) * BodyFromCam()),
                                {1, 2, 3});
     for (const Vector3d& x_in_cam :
-         {Vector3d(0.1, -0.2, 5), Vector3d(-2.2, 1.4, 6), Vector3d(2.5, 1.5, 7)}) {
+         {Vector3d(10, -20, 500), Vector3d(-220, 140, 600), Vector3d(250, 150, 700)}) {
       World world = MarkerWorld(town_from_cam * x_in_cam);
       const Renderer renderer(world, Flat(), 16);
       const LinearImage image = renderer.Frame(town_from_cam, camera);

@@ -29,7 +29,17 @@ struct Renderer::Strip {
 };
 
 Renderer::Renderer(const World& world, const Light& light, int edge_samples)
-    : world_(world), light_(light), edge_samples_(edge_samples), scene_(world.quads) {}
+    : world_(world), light_(light), edge_samples_(edge_samples), scene_(world.quads) {
+  // Points of the plastic sequence: even over the pixel for any count. Their mean is taken out, or
+  // every edge of a picture would lie a few hundredths of a pixel off.
+  Eigen::Vector2f mean(0, 0);
+  for (int k = 1; k <= edge_samples; ++k) {
+    const float x = static_cast<float>(k) * 0.7548777f, y = static_cast<float>(k) * 0.5698403f;
+    edge_offsets_px_.emplace_back(x - std::floor(x), y - std::floor(y));
+    mean += edge_offsets_px_.back() / static_cast<float>(edge_samples);
+  }
+  for (auto& offset : edge_offsets_px_) offset -= mean;
+}
 
 void Renderer::PanoramaRows(const Rigid3& town_from_pano, int width_px, int row0, int row1,
                             Rgb* out) const {
@@ -183,15 +193,13 @@ bool Renderer::IsEdge(const Sample& a, const Sample& b) const {
 }
 
 Rgb Renderer::EdgeColour(const View& view, int x, int y, const Sample& centre) const {
-  // Points of the plastic sequence: even over the pixel for any count.
-  constexpr float kStepX = 0.7548777f, kStepY = 0.5698403f;
   RayPacket packet;
   Sample samples[RayPacket::kSize];
   for (int k = 0; k < RayPacket::kSize; ++k) packet.active[k] = k < edge_samples_ ? -1 : 0;
   for (int k = 0; k < edge_samples_; ++k) {
-    const float dx = static_cast<float>(k + 1) * kStepX, dy = static_cast<float>(k + 1) * kStepY;
-    samples[k].ray = view.ray(static_cast<float>(x) + dx - std::floor(dx) - 0.5f,
-                              static_cast<float>(y) + dy - std::floor(dy) - 0.5f);
+    const Eigen::Vector2f& offset = edge_offsets_px_[static_cast<std::size_t>(k)];
+    samples[k].ray =
+        view.ray(static_cast<float>(x) + offset.x(), static_cast<float>(y) + offset.y());
   }
   for (int k = edge_samples_; k < RayPacket::kSize; ++k) samples[k].ray = centre.ray;
   TracePacket(view, packet, samples);

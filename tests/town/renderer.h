@@ -65,6 +65,7 @@ class Renderer {
   const World& world_;
   Light light_;
   int edge_samples_;
+  std::vector<Eigen::Vector2f> edge_offsets_px_;  // from the pixel's centre
   Scene scene_;
 };
 
