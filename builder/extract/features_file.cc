@@ -48,15 +48,24 @@ void WritePanoramaFeatures(const std::filesystem::path& path, const PanoramaFeat
     file.WriteAttribute("has_depth", features.has_depth ? 1 : 0);
     file.WriteAttribute("depth_fault", features.depth_fault);
     file.WriteAttribute("num_views", static_cast<std::int64_t>(features.views.size()));
+    std::vector<float> planes;
+    for (const DepthPlane& plane : features.planes) {
+      const Eigen::Vector3f& n = plane.normal_in_pano;
+      planes.insert(planes.end(), {n.x(), n.y(), n.z(), plane.d_m});
+    }
+    file.Write<float>("planes", planes, 4);
     for (std::size_t v = 0; v < features.views.size(); ++v) {
       const std::string group = Format("view%03zu", v);
       WriteSet(&file, group + "/sift", features.views[v].sift);
       WriteSet(&file, group + "/mser", features.views[v].mser);
       std::vector<float> points;
+      std::vector<std::uint8_t> surfaces;
       for (const SurfacePoint& p : features.views[v].points) {
         points.insert(points.end(),
                       {p.point_in_pano.x(), p.point_in_pano.y(), p.point_in_pano.z(), p.range_sigma_m});
+        surfaces.push_back(p.surface_idx);
       }
+      file.Write<std::uint8_t>(group + "/surfaces", surfaces);
       file.Write<float>(group + "/points", points, 4);
     }
     file.Close();
@@ -79,6 +88,12 @@ Result<PanoramaFeatures> ReadPanoramaFeatures(const std::filesystem::path& path)
   }
   features.has_depth = *has_depth != 0;
   features.depth_fault = std::move(fault).value();
+  const auto planes = file->Read<float>("planes", 4);
+  if (!planes.ok()) return planes.status();
+  for (std::int64_t i = 0; i < planes->rows; ++i) {
+    const float* p = &planes->values[static_cast<std::size_t>(i) * 4];
+    features.planes.push_back({Eigen::Vector3f(p[0], p[1], p[2]), p[3]});
+  }
   for (std::int64_t v = 0; v < *num_views; ++v) {
     const std::string group = Format("view%03ld", static_cast<long>(v));
     auto sift = ReadSet(*file, group + "/sift");
@@ -88,12 +103,14 @@ Result<PanoramaFeatures> ReadPanoramaFeatures(const std::filesystem::path& path)
     const auto points = file->Read<float>(group + "/points", 4);
     if (!points.ok()) return points.status();
     ViewFeatureSet set{std::move(sift).value(), {}, std::move(mser).value()};
-    if (points->rows != static_cast<std::int64_t>(set.sift.size())) {
+    const auto surfaces = file->Read<std::uint8_t>(group + "/surfaces");
+    if (!surfaces.ok()) return surfaces.status();
+    if (surfaces->rows != points->rows || points->rows != static_cast<std::int64_t>(set.sift.size())) {
       return Status(ErrorCode::kBadData, path.string() + ": rows disagree; delete it and build again");
     }
     for (std::size_t i = 0; i < set.sift.size(); ++i) {
       const float* p = &points->values[4 * i];
-      set.points.push_back({Eigen::Vector3f(p[0], p[1], p[2]), p[3]});
+      set.points.push_back({Eigen::Vector3f(p[0], p[1], p[2]), p[3], surfaces->values[i]});
     }
     features.views.push_back(std::move(set));
   }

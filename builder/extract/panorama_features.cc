@@ -78,6 +78,7 @@ std::optional<DepthMap> ReadUsableDepth(const PanoramaRecord& record, PanoramaFe
     return std::nullopt;
   }
   result->has_depth = true;
+  result->planes = depth->planes();
   return std::move(depth).value();
 }
 
@@ -110,6 +111,7 @@ std::optional<SurfacePoint> PointOnSurface(const DepthMap& depth, const Eigen::V
                                    from_relief_m * from_relief_m + from_edge_m * from_edge_m);
   SurfacePoint point;
   point.point_in_pano = (hit->range_m * ray_in_pano).cast<float>();
+  point.surface_idx = static_cast<std::uint8_t>(hit->surface_idx);
   point.range_sigma_m = std::max(1e-3F, static_cast<float>(sigma_m));
   return point;
 }

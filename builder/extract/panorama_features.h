@@ -18,6 +18,7 @@ namespace panofix {
 struct SurfacePoint {
   Eigen::Vector3f point_in_pano = Eigen::Vector3f::Zero();  // metres
   float range_sigma_m = 0;  // 1-sigma error along the panorama's ray; 0 = no surface here, no point
+  std::uint8_t surface_idx = 0;  // plane of the depth map; 0 = a raster's
 };
 
 struct ViewFeatureSet {
@@ -28,6 +29,7 @@ struct ViewFeatureSet {
 
 struct PanoramaFeatures {
   bool has_depth = false;
+  std::vector<DepthPlane> planes;  // by surface index; empty for a raster
   std::string depth_fault;  // why not, where a depth file is given but unusable
   std::vector<ViewFeatureSet> views;  // one a direction of the rectifier
 };

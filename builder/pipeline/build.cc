@@ -193,6 +193,7 @@ BundleView ToBundleView(const ViewFeatureSet& view, int max_features) {
     out.keypoints.insert(out.keypoints.end(), {k.x_px, k.y_px, k.size_px, k.angle_deg});
     out.points.insert(out.points.end(),
                       {p.point_in_pano.x(), p.point_in_pano.y(), p.point_in_pano.z(), p.range_sigma_m});
+    out.surfaces.push_back(p.surface_idx);
     const auto descriptor = view.sift.descriptor(i);
     out.descriptors.insert(out.descriptors.end(), descriptor.begin(), descriptor.end());
   }
@@ -313,12 +314,16 @@ RunReport Build(const BuildOptions& options) {
   manifest.num_set_aside = static_cast<std::int64_t>(report.set_aside.size());
   const Manifest written = WriteBundle(options.out, content, [&](std::size_t p) {
     const PanoramaFeatures features = ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
-    std::vector<BundleView> views;
-    for (std::size_t v = 0; v < features.views.size(); ++v) {
-      views.push_back(ToBundleView(features.views[v], options.max_features));
-      views.back().bag = bags[p * content.directions.size() + v];
+    BundlePanorama panorama;
+    for (const DepthPlane& plane : features.planes) {
+      const Eigen::Vector3f& n = plane.normal_in_pano;
+      panorama.planes.insert(panorama.planes.end(), {n.x(), n.y(), n.z(), plane.d_m});
     }
-    return views;
+    for (std::size_t v = 0; v < features.views.size(); ++v) {
+      panorama.views.push_back(ToBundleView(features.views[v], options.max_features));
+      panorama.views.back().bag = bags[p * content.directions.size() + v];
+    }
+    return panorama;
   });
   publish_timer.Done(written.parts.size() + 1);
 

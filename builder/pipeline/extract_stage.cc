@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Raised whenever extraction gives other features for the same input: old work files are then ignored.
-constexpr int kExtractVersion = 1;
+constexpr int kExtractVersion = 2;
 
 struct Outcome {
   ExtractedPanorama panorama;

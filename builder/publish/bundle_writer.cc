@@ -88,14 +88,18 @@ void WriteGraph(const fs::path& path, const BundleContent& content) {
 
 // Panoramas [begin, end) share a tile. Returns its number of features.
 std::int64_t WriteTile(const fs::path& path, const BundleContent& content, std::size_t begin, std::size_t end,
-                       const ViewsOfPanorama& views_of_panorama) {
+                       const FeaturesOfPanorama& features_of_panorama) {
   std::vector<std::string> ids;
-  std::vector<std::uint32_t> view_offsets{0}, bag_offsets{0}, words;
-  std::vector<float> keypoints, points, weights;
-  std::vector<std::uint8_t> descriptors;
+  std::vector<std::uint32_t> view_offsets{0}, plane_offsets{0}, bag_offsets{0}, words;
+  std::vector<float> planes, keypoints, points, weights;
+  std::vector<std::uint8_t> surfaces, descriptors;
   for (std::size_t p = begin; p < end; ++p) {
     ids.push_back(content.panoramas[p].id);
-    for (const BundleView& view : views_of_panorama(p)) {
+    const BundlePanorama panorama = features_of_panorama(p);
+    planes.insert(planes.end(), panorama.planes.begin(), panorama.planes.end());
+    plane_offsets.push_back(static_cast<std::uint32_t>(planes.size() / 4));
+    for (const BundleView& view : panorama.views) {
+      surfaces.insert(surfaces.end(), view.surfaces.begin(), view.surfaces.end());
       keypoints.insert(keypoints.end(), view.keypoints.begin(), view.keypoints.end());
       points.insert(points.end(), view.points.begin(), view.points.end());
       descriptors.insert(descriptors.end(), view.descriptors.begin(), view.descriptors.end());
@@ -110,6 +114,9 @@ std::int64_t WriteTile(const fs::path& path, const BundleContent& content, std::
   Hdf5Writer file(path);
   file.WriteStrings("panorama_ids", ids);
   file.Write<std::uint32_t>("view_offsets", view_offsets);
+  file.Write<std::uint32_t>("plane_offsets", plane_offsets);
+  file.Write<float>("planes", planes, 4);
+  file.Write<std::uint8_t>("surfaces", surfaces);
   file.Write<float>("keypoints", keypoints, 4);
   file.Write<float>("points_in_pano", points, 4);
   file.Write<std::uint8_t>("descriptors", descriptors, kDescriptorSize);
@@ -128,7 +135,7 @@ BundlePart Describe(const fs::path& root, const std::string& path) {
 }  // namespace
 
 Manifest WriteBundle(const fs::path& target, const BundleContent& content,
-                     const ViewsOfPanorama& views_of_panorama) {
+                     const FeaturesOfPanorama& features_of_panorama) {
   const Staging staging(target);
   Manifest manifest = content.manifest;
   manifest.parts.clear();
@@ -143,7 +150,7 @@ Manifest WriteBundle(const fs::path& target, const BundleContent& content,
     const std::string& tile = content.tile_of_panorama[begin];
     while (end < content.panoramas.size() && content.tile_of_panorama[end] == tile) ++end;
     const std::string path = "tiles/" + tile + ".h5";
-    manifest.num_features += WriteTile(staging.path() / path, content, begin, end, views_of_panorama);
+    manifest.num_features += WriteTile(staging.path() / path, content, begin, end, features_of_panorama);
     manifest.parts.push_back(Describe(staging.path(), path));
     begin = end;
   }

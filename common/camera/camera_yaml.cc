@@ -2,7 +2,6 @@
 #include <yaml-cpp/yaml.h>
 
 #include <fstream>
-#include <sstream>
 
 #include "common/base/log.h"
 #include "common/camera/camera.h"
@@ -75,9 +74,17 @@ Result<Camera> ReadCameraYaml(const std::filesystem::path& path) {
   if (!file) {
     return Status(ErrorCode::kNotFound, path.string() + ": cannot be read; name an existing camera.yaml");
   }
-  std::ostringstream text;
-  text << file.rdbuf();
-  return ParseCameraYaml(text.str(), path.string());
+  // A camera takes a few hundred bytes; whatever is larger is not read to its end.
+  constexpr std::size_t kMaxBytes = std::size_t{1} << 20;
+  std::string text(kMaxBytes + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(file.gcount()));
+  if (text.size() > kMaxBytes) {
+    return Status(ErrorCode::kTooLarge,
+                  Format("%s: more than %zu bytes; name a camera.yaml in the ROS camera_info layout",
+                         path.c_str(), kMaxBytes));
+  }
+  return ParseCameraYaml(text, path.string());
 }
 
 std::string ToCameraYaml(const Camera& camera, const std::string& camera_name) {

@@ -15,6 +15,12 @@ struct Correspondence {
   // The point's error: rank one along the panorama's ray (depth), plus isotropic.
   Eigen::Vector3d range_sigma_in_map = Eigen::Vector3d::Zero();  // 1-sigma displacement, metres
   double point_sigma_m = 0;
+  // The depth plane that the point lies on: its errors are shared by all its points, and are contained
+  // in range_sigma_in_map. -1 = errors of its own only.
+  int surface_id = -1;              // unique within one set of matches; belongs to one panorama
+  Eigen::Vector3d surface_normal_in_map = Eigen::Vector3d::Zero();  // unit; zero = not known
+  double surface_distance_sigma = 0;  // relative error of the plane's distance, 1 sigma
+  double surface_normal_sigma_rad = 0;
   double keypoint_sigma = 1e-3;  // of the bearing, i.e. sigma_px / f
   int panorama_idx = -1;         // which panorama vouches for the point; -1 = none
   int view_idx = -1;             // which database view it was matched in

@@ -32,7 +32,7 @@ void Quantize(const float* values, bool root_sift, std::uint8_t* bytes) {
 }
 
 FeatureSet ToFeatureSet(const std::vector<cv::KeyPoint>& found, const cv::Mat& described,
-                        const FeatureOptions& options, float shift_px) {
+                        const FeatureOptions& options, float shift_px, int max_features) {
   // A total order, so that equal responses do not depend on the detector's threads.
   std::vector<int> order(found.size());
   std::iota(order.begin(), order.end(), 0);
@@ -43,9 +43,11 @@ FeatureSet ToFeatureSet(const std::vector<cv::KeyPoint>& found, const cv::Mat& d
     };
     return key(a) < key(b);
   });
+  // OpenCV keeps all that equal the last response: a regular facade would exceed any limit.
+  order.resize(std::min(order.size(), static_cast<std::size_t>(max_features)));
   FeatureSet set;
-  set.keypoints.reserve(found.size());
-  set.descriptors.resize(found.size() * kDescriptorSize);
+  set.keypoints.reserve(order.size());
+  set.descriptors.resize(order.size() * kDescriptorSize);
   for (std::size_t row = 0; row < order.size(); ++row) {
     const cv::KeyPoint& k = found[static_cast<std::size_t>(order[row])];
     set.keypoints.push_back({k.pt.x - shift_px, k.pt.y - shift_px, k.size, k.angle, k.response});
@@ -113,7 +115,7 @@ FeatureSet ExtractSift(const GrayImage& image, const FeatureOptions& options) {
   cv::Mat described;
   cv::SIFT::create(options.max_sift, 3, options.sift_contrast_threshold)
       ->detectAndCompute(View(image), cv::noArray(), found, described);
-  return ToFeatureSet(found, described, options, kUpsamplingShift_px);
+  return ToFeatureSet(found, described, options, kUpsamplingShift_px, options.max_sift);
 }
 
 FeatureSet ExtractMser(const GrayImage& image, const FeatureOptions& options) {
@@ -147,7 +149,7 @@ FeatureSet ExtractMser(const GrayImage& image, const FeatureOptions& options) {
   if (found.empty()) return {};
   cv::Mat described;
   cv::SIFT::create()->compute(View(image), found, described);
-  return ToFeatureSet(found, described, options, 0.0F);
+  return ToFeatureSet(found, described, options, 0.0F, options.max_mser);
 }
 
 }  // namespace panofix

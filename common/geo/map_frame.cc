@@ -41,6 +41,9 @@ MapFrame::MapFrame(const LambertParameters& parameters) : parameters_(parameters
     const Forward origin = Project(parameters, {parameters.lat0_deg, parameters.lon0_deg, 0});
     origin_easting_m_ = origin.x;
     origin_northing_m_ = origin.y;
+    if (!std::isfinite(origin.x) || !std::isfinite(origin.y)) {
+      throw std::invalid_argument("Lambert parameters: the origin lies outside the projection");
+    }
   } catch (const GeographicLib::GeographicErr& error) {
     throw std::invalid_argument(std::string("Lambert parameters: ") + error.what());
   }

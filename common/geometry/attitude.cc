@@ -26,6 +26,7 @@ Attitude AttitudeFromEnu(const Eigen::Matrix3d& enu_from_body) {
     heading_rad = std::atan2(forward.x(), forward.y());
     // The third row of Rz Rx Ry is (-cos(pitch) sin(roll), sin(pitch), cos(pitch) cos(roll)).
     attitude.roll_deg = std::atan2(-right.z(), up.z()) / kRadPerDeg;
+    if (attitude.roll_deg <= -180.0) attitude.roll_deg = 180.0;
   } else {
     heading_rad = std::atan2(-right.y(), right.x());
   }
@@ -42,8 +43,9 @@ Eigen::Matrix3d BodyFromCam() {
 }
 
 double AngleDifferenceDeg(double a_deg, double b_deg) {
-  const double d = std::fmod(a_deg - b_deg + 180.0, 360.0);
-  return (d < 0 ? d + 360.0 : d) - 180.0;
+  double d = std::fmod(a_deg - b_deg + 180.0, 360.0);
+  if (d < 0) d += 360.0;
+  return d < 360.0 ? d - 180.0 : -180.0;  // the sum may round up to 360
 }
 
 }  // namespace panofix

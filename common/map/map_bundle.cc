@@ -204,6 +204,7 @@ Status MapBundle::LoadGraph(const Hdf5Reader& file) {
   similar_views_ = std::move(similar);
   slices_.assign(views_.size(), {~0U, 0, 0});
   bags_.resize(views_.size());
+  normals_.resize(panoramas_.size());
   return {};
 }
 
@@ -214,9 +215,10 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
   Tile tile;
   PANOFIX_READ(keypoints, file, float, "keypoints", 4);
   PANOFIX_READ(points, file, float, "points_in_pano", 4);
+  PANOFIX_READ(surfaces, file, std::uint8_t, "surfaces", 1);
   PANOFIX_READ(descriptors, file, std::uint8_t, "descriptors", kDescriptorSize);
   const std::size_t per_panorama = views_.size() / panoramas_.size();
-  if (points.rows != keypoints.rows || descriptors.rows != keypoints.rows ||
+  if (points.rows != keypoints.rows || surfaces.rows != keypoints.rows || descriptors.rows != keypoints.rows ||
       !AreOffsets(offsets.values, ids->size() * per_panorama, static_cast<std::size_t>(keypoints.rows))) {
     return Bad("feature arrays disagree");
   }
@@ -227,10 +229,11 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
   }
   std::unordered_map<std::string, std::uint32_t> index_of;
   for (std::uint32_t i = 0; i < panoramas_.size(); ++i) index_of[panoramas_[i].id] = i;
-  std::vector<std::uint32_t> view_of_slot;
+  std::vector<std::uint32_t> view_of_slot, panorama_of_slot;
   for (std::size_t p = 0; p < ids->size(); ++p) {
     const auto found = index_of.find((*ids)[p]);
     if (found == index_of.end()) return Bad("panorama " + (*ids)[p] + " is not in graph.h5");
+    panorama_of_slot.push_back(found->second);
     for (std::size_t v = 0; v < per_panorama; ++v) {
       const std::size_t view = found->second * per_panorama + v, slot = p * per_panorama + v;
       slices_[view] = {static_cast<std::uint32_t>(tiles_.size()), offsets.values[slot], offsets.values[slot + 1]};
@@ -239,9 +242,30 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
   }
   tile.keypoints = std::move(keypoints);
   tile.points = std::move(points);
+  tile.surfaces = std::move(surfaces);
   tile.descriptors = std::move(descriptors);
   tiles_.push_back(std::move(tile));
+  const Status status = LoadPlanes(file, panorama_of_slot);
+  if (!status.ok()) return status;
   return LoadBags(file, view_of_slot);
+}
+
+Status MapBundle::LoadPlanes(const Hdf5Reader& file, const std::vector<std::uint32_t>& panorama_of_slot) {
+  PANOFIX_READ(offsets, file, std::uint32_t, "plane_offsets", 1);
+  PANOFIX_READ(planes, file, float, "planes", 4);
+  if (!AreOffsets(offsets.values, panorama_of_slot.size(), static_cast<std::size_t>(planes.rows))) {
+    return Bad("depth planes disagree");
+  }
+  for (std::size_t slot = 0; slot < panorama_of_slot.size(); ++slot) {
+    auto& normals = normals_[panorama_of_slot[slot]];
+    for (std::uint32_t i = offsets.values[slot]; i < offsets.values[slot + 1]; ++i) {
+      const Eigen::Vector3f normal(&planes.values[4 * std::size_t{i}]);
+      const float length = normal.norm();
+      // Plane 0 is unused and may be anything.
+      normals.push_back(length > 0.5F && length < 2.0F ? Eigen::Vector3f(normal / length) : Eigen::Vector3f::Zero());
+    }
+  }
+  return {};
 }
 
 Status MapBundle::LoadBags(const Hdf5Reader& file, const std::vector<std::uint32_t>& view_of_slot) {
@@ -269,7 +293,13 @@ ViewFeatures MapBundle::Features(std::size_t view_idx) const {
   const Tile& tile = tiles_[slice.tile];
   const std::size_t begin = slice.begin, count = slice.end - slice.begin;
   return {tile.keypoints.values.subspan(begin * 4, count * 4), tile.points.values.subspan(begin * 4, count * 4),
+          tile.surfaces.values.subspan(begin, count),
           tile.descriptors.values.subspan(begin * kDescriptorSize, count * kDescriptorSize)};
+}
+
+Eigen::Vector3d MapBundle::SurfaceNormal(std::size_t panorama_idx, std::uint8_t surface_idx) const {
+  const auto& normals = normals_.at(panorama_idx);
+  return surface_idx < normals.size() ? Eigen::Vector3d(normals[surface_idx].cast<double>()) : Eigen::Vector3d::Zero();
 }
 
 std::span<const std::uint32_t> MapBundle::SimilarViews(std::size_t view_idx) const {

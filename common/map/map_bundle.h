@@ -34,6 +34,7 @@ struct MapView {
 struct ViewFeatures {
   std::span<const float> keypoints;       // N x 4: x, y, size (px), angle (deg)
   std::span<const float> points_in_pano;  // N x 4: x, y, z, 1-sigma error of the range (metres)
+  std::span<const std::uint8_t> surfaces;     // N: index of the depth plane; 0 = a raster's
   std::span<const std::uint8_t> descriptors;  // N x 128
   [[nodiscard]] std::size_t size() const { return keypoints.size() / 4; }
   [[nodiscard]] Eigen::Vector3d point(std::size_t i) const {
@@ -59,13 +60,15 @@ class MapBundle {
   [[nodiscard]] const std::vector<MapView>& views() const { return views_; }
   [[nodiscard]] const std::vector<BagOfWords>& bags() const { return bags_; }  // one a view
   [[nodiscard]] ViewFeatures Features(std::size_t view_idx) const;
+  // Unit normal of a panorama's depth plane, in pano; zero where the index has none (a raster).
+  [[nodiscard]] Eigen::Vector3d SurfaceNormal(std::size_t panorama_idx, std::uint8_t surface_idx) const;
   // Row of D_DB x r: similar views, best first.
   [[nodiscard]] std::span<const std::uint32_t> SimilarViews(std::size_t view_idx) const;
 
  private:
   struct Tile {
     MappedArray<float> keypoints, points;
-    MappedArray<std::uint8_t> descriptors;
+    MappedArray<std::uint8_t> surfaces, descriptors;
   };
   struct Slice {
     std::uint32_t tile = 0, begin = 0, end = 0;  // feature rows of a view in its tile
@@ -76,6 +79,7 @@ class MapBundle {
   Status LoadGraph(const Hdf5Reader& file);
   Status LoadPanoramas(const Hdf5Reader& file);
   Status LoadTile(const Hdf5Reader& file);
+  Status LoadPlanes(const Hdf5Reader& file, const std::vector<std::uint32_t>& panorama_of_slot);
   Status LoadBags(const Hdf5Reader& file, const std::vector<std::uint32_t>& view_of_slot);
 
   Manifest manifest_;
@@ -87,6 +91,7 @@ class MapBundle {
   std::vector<BagOfWords> bags_;
   std::vector<Tile> tiles_;
   std::vector<Slice> slices_;
+  std::vector<std::vector<Eigen::Vector3f>> normals_;  // of each panorama's planes
   MappedArray<std::uint32_t> similar_offsets_, similar_views_;
 };
 

@@ -57,12 +57,18 @@ Status VocabularyTree::Check() const {
   if (nodes == 0) {
     return num_words == 0 ? Status() : Status(ErrorCode::kBadData, "vocabulary tree: words without nodes");
   }
+  if (num_words > nodes) return {ErrorCode::kBadData, "vocabulary tree: more words than nodes"};
+  std::vector<bool> seen(num_words, false);
+  std::size_t num_seen = 0;
   for (std::size_t node = 0; node < nodes; ++node) {
     const std::size_t first = first_child[node], count = num_children[node];
-    // Children come after their parent, so descent ends.
-    const bool sound = count == 0 ? word[node] < num_words : first > node && first + count <= nodes;
+    // Children come after their parent, so descent ends; every leaf is a word of its own.
+    const bool sound = count == 0 ? word[node] < num_words && !seen[word[node]]
+                                  : first > node && first + count <= nodes;
     if (!sound) return {ErrorCode::kBadData, Format("vocabulary tree: node %zu is not sound", node)};
+    if (count == 0) seen[word[node]] = true, ++num_seen;
   }
+  if (num_seen != num_words) return {ErrorCode::kBadData, "vocabulary tree: a word has no leaf"};
   return {};
 }
 
@@ -98,10 +104,15 @@ std::vector<std::uint32_t> Vocabulary::MserWords(const FeatureSet& features) con
 
 BagOfWords Vocabulary::Bag(std::span<const std::uint32_t> sift_words,
                            std::span<const std::uint32_t> mser_words) const {
-  const float half = std::sqrt(0.5F);
+  const auto has_weight = [&](std::span<const std::uint32_t> words) {
+    return std::any_of(words.begin(), words.end(),
+                       [&](std::uint32_t word) { return word < idf.size() && idf[word] > 0; });
+  };
+  // A half of words that every view has weighs nothing and must not take half of the length.
+  const float norm = has_weight(sift_words) && has_weight(mser_words) ? std::sqrt(0.5F) : 1.0F;
   BagOfWords bag;
-  AppendHalf(sift_words, idf, mser_words.empty() ? 1.0F : half, &bag);
-  AppendHalf(mser_words, idf, sift_words.empty() ? 1.0F : half, &bag);
+  AppendHalf(sift_words, idf, norm, &bag);
+  AppendHalf(mser_words, idf, norm, &bag);
   return bag;
 }
 

@@ -247,8 +247,10 @@ PoseSigmas SigmasOf(const FramePose& pose) {
   const Eigen::Quaterniond enu_from_map = pose.enu_from_cam * pose.map_from_cam.conjugate();
   const Eigen::Matrix3d R = enu_from_map.toRotationMatrix();
   const Eigen::Matrix3d position = R * pose.covariance_in_map.topLeftCorner<3, 3>() * R.transpose();
-  return {std::sqrt(position(0, 0)), std::sqrt(position(1, 1)), std::sqrt(position(2, 2)),
-          std::sqrt(pose.covariance_in_map(5, 5)) / kRadPerDeg};
+  // A variance may round to just below zero.
+  const auto sigma = [](double variance) { return std::sqrt(std::max(0.0, variance)); };
+  return {sigma(position(0, 0)), sigma(position(1, 1)), sigma(position(2, 2)),
+          sigma(pose.covariance_in_map(5, 5)) / kRadPerDeg};
 }
 
 PoseRow ToPoseRow(const FrameResult& result) {

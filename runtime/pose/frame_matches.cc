@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "common/geometry/attitude.h"
+
 namespace panofix {
 
 LocalFrame LocalFrame::At(const MapPanorama& panorama) {
@@ -39,7 +41,14 @@ Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx, std
   // The database keypoint is as uncertain as the frame's: a sideways error of the point.
   c.point_sigma_m = KeypointSigma_px(features.keypoints[4 * feature_idx + 2]) /
                     bundle.manifest().camera.fx_px * point_in_pano.norm();
-  c.panorama_idx = static_cast<int>(bundle.views()[view_idx].panorama_idx);
+  const std::uint32_t panorama_idx = bundle.views()[view_idx].panorama_idx;
+  const std::uint8_t surface_idx = features.surfaces[feature_idx];
+  const MapErrors& errors = bundle.manifest().errors;
+  c.surface_id = static_cast<int>(panorama_idx) * 256 + surface_idx;
+  c.surface_normal_in_map = local_from_pano.rotation * bundle.SurfaceNormal(panorama_idx, surface_idx);
+  c.surface_distance_sigma = errors.range_sigma_share;
+  c.surface_normal_sigma_rad = errors.normal_sigma_deg * kRadPerDeg;
+  c.panorama_idx = static_cast<int>(panorama_idx);
   c.view_idx = static_cast<int>(view_idx);
   return c;
 }

@@ -23,6 +23,29 @@ std::uint32_t AddWindowMaterial(World& world, const FacadeStyle& style, Rng& rng
   return world.AddMaterial(pane);
 }
 
+// A storey of a bay that stands out of the wall, with a wide window of its own.
+void AddBow(World& world, const WallFrame& frame, const FacadeStyle& style, double bay_m, double v0,
+            Rng& rng) {
+  constexpr double kOut_m = 0.55, kMargin_m = 0.15;
+  const double width_m = bay_m - 2 * kMargin_m, u0 = style.bow_bay * bay_m + kMargin_m;
+  WallFrame front = frame;
+  front.origin = frame.At(u0, v0, kOut_m);
+  Opening pane{0.25,           width_m - 0.25,
+               style.sill_m,   style.sill_m + style.window_height_m,
+               style.recess_m, AddWindowMaterial(world, style, rng)};
+  world.materials[pane.pane_material].width_m = static_cast<float>(width_m - 0.5);
+  AddStorey(world, front, width_m, 0, style.floor_m, {pane}, style.wall, style.reveal);
+  const double v1 = v0 + style.floor_m, u1 = u0 + width_m;
+  const auto face = [&](double ua, double wa, double ub, double wb) {
+    world.AddQuad(frame.At(ua, v0, wa), frame.At(ub, v0, wb), frame.At(ub, v1, wb),
+                  frame.At(ua, v1, wa), style.wall, ua, v0);
+  };
+  face(u0, 0, u0, kOut_m);
+  face(u1, kOut_m, u1, 0);
+  AddRelief(world, frame, u0 - 0.05, u1 + 0.05, v1 - 0.12, v1, 0, kOut_m + 0.06, style.trim);
+  AddRelief(world, frame, u0 - 0.05, u1 + 0.05, v0 - 0.1, v0 + 0.04, 0, kOut_m + 0.06, style.trim);
+}
+
 void AddUpperFloors(World& world, const WallFrame& frame, double width_m, const FacadeStyle& style,
                     Rng& rng) {
   const double bay_m = width_m / style.bays;
@@ -30,6 +53,10 @@ void AddUpperFloors(World& world, const WallFrame& frame, double width_m, const 
     const double v0 = style.ground_floor_m + (floor - 1) * style.floor_m;
     std::vector<Opening> openings;
     for (int bay = 0; bay < style.bays; ++bay) {
+      if (bay == style.bow_bay) {
+        AddBow(world, frame, style, bay_m, v0, rng);
+        continue;
+      }
       if (rng.Uniform() < 0.05) continue;  // a walled-up window
       const double scale = rng.Uniform() < 0.1 ? 0.6 : 1.0;
       const double centre = (bay + 0.5) * bay_m;
@@ -111,7 +138,7 @@ void AddBuilding(World& world, const Lot& lot, Rng style_rng, Rng daily) {
   frame.u = Vector3d(along.x() / width_m, along.y() / width_m, 0);
   frame.v = Vector3d::UnitZ();
   frame.w = frame.u.cross(frame.v);
-  const FacadeStyle style = DrawFacadeStyle(world, width_m, 1.0, style_rng);
+  const FacadeStyle style = DrawFacadeStyle(world, width_m, style_rng);
   const double top_m = style.ground_floor_m + (style.floors - 1) * style.floor_m + 0.5;
   const double low_v = lot.ground_low_m - lot.ground_high_m - kCellar_m;
 

@@ -18,8 +18,8 @@ struct Lot {
        corner_right = false;  // side wall kept away from the corner's other front
 };
 
-// What the front looks like: the same stream gives the same building. `poster_stream` decides what
-// changes from day to day (posters, goods in the shops).
+// `style` decides what the front looks like: the same stream gives the same building. `daily`
+// decides what changes from day to day (posters, goods in the shops).
 void AddBuilding(World& world, const Lot& lot, Rng style, Rng daily);
 
 // A wall-parallel frame: u right, v up, w out of the wall.
@@ -43,7 +43,7 @@ struct FacadeStyle {
   int floors = 3, bays = 4;
   double window_width_m = 1.1, window_height_m = 1.7, sill_m = 0.7, recess_m = 0.2;
   bool shop = false, shutters = false, balconies = false, surrounds = true, cornice = true;
-  bool bow_window = false;
+  int bow_bay = -1;  // bay that stands out of the wall on every upper floor; -1: none
   std::uint32_t wall = 0, trim = 0, reveal = 0, metal = 0, shutter = 0, roof = 0;
   Rgb frame_colour;
 };
@@ -61,8 +61,7 @@ void AddWindowTrim(World& world, const WallFrame& frame, const Opening& opening,
 std::vector<Opening> AddGroundFloor(World& world, const WallFrame& frame, double width_m,
                                     const FacadeStyle& style, Rng& rng, Rng& daily);
 
-[[nodiscard]] FacadeStyle DrawFacadeStyle(World& world, double width_m, double height_scale,
-                                          Rng& rng);
+[[nodiscard]] FacadeStyle DrawFacadeStyle(World& world, double width_m, Rng& rng);
 [[nodiscard]] Rgb DrawColour(Rng& rng, double saturation, double low, double high);
 
 }  // namespace panofix::town

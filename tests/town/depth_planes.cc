@@ -1,5 +1,6 @@
 #include "tests/town/depth_planes.h"
 
+#include <tbb/parallel_for.h>
 #include <zlib.h>
 
 #include <Eigen/Geometry>
@@ -74,19 +75,22 @@ Vector3d DepthPixelRay(int column, int row) {
 PlaneDepth SeePlanes(const Town& town, const Rigid3& town_from_pano, Rng rng) {
   constexpr std::uint32_t kNone = ~std::uint32_t{0};
   std::vector<std::uint32_t> hits(PlaneDepth::kWidth * PlaneDepth::kHeight, kNone);
-  std::map<std::uint32_t, Seen> seen;
-  for (int row = 0; row < PlaneDepth::kHeight; ++row) {
+  std::vector<double> ranges_m(hits.size());
+  tbb::parallel_for(0, PlaneDepth::kHeight, [&](int row) {
     for (int column = 0; column < PlaneDepth::kWidth; ++column) {
-      const Vector3d ray = DepthPixelRay(column, row);
-      std::uint32_t plane = kNone;
-      const auto range_m =
-          town.PlaneRange(town_from_pano.translation, town_from_pano.rotation * ray, &plane);
-      if (!range_m) continue;
-      hits[static_cast<std::size_t>(row * PlaneDepth::kWidth + column)] = plane;
-      Seen& entry = seen[plane];
-      ++entry.count;
-      entry.sum_in_pano += *range_m * ray;
+      const auto i = static_cast<std::size_t>(row * PlaneDepth::kWidth + column);
+      const Vector3d ray = town_from_pano.rotation * DepthPixelRay(column, row);
+      ranges_m[i] = town.PlaneRange(town_from_pano.translation, ray, &hits[i]).value_or(0);
     }
+  });
+  std::map<std::uint32_t, Seen> seen;
+  for (std::size_t i = 0; i < hits.size(); ++i) {
+    if (hits[i] == kNone) continue;
+    Seen& entry = seen[hits[i]];
+    ++entry.count;
+    const int column = static_cast<int>(i) % PlaneDepth::kWidth,
+              row = static_cast<int>(i) / PlaneDepth::kWidth;
+    entry.sum_in_pano += ranges_m[i] * DepthPixelRay(column, row);
   }
   std::vector<std::pair<int, std::uint32_t>> order;
   for (const auto& [plane, entry] : seen) order.emplace_back(-entry.count, plane);

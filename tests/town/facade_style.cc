@@ -75,11 +75,11 @@ Rgb DrawColour(Rng& rng, double saturation, double low, double high) {
   return {channel(0), channel(4), channel(2)};
 }
 
-FacadeStyle DrawFacadeStyle(World& world, double width_m, double height_scale, Rng& rng) {
+FacadeStyle DrawFacadeStyle(World& world, double width_m, Rng& rng) {
   FacadeStyle style;
   style.floors = 2 + static_cast<int>(rng.Below(4));
-  style.floor_m = rng.Uniform(2.8, 3.5) * height_scale;
-  style.ground_floor_m = rng.Uniform(3.2, 4.1) * height_scale;
+  style.floor_m = rng.Uniform(2.8, 3.5);
+  style.ground_floor_m = rng.Uniform(3.2, 4.1);
   style.bays = std::max(1, static_cast<int>(width_m / rng.Uniform(2.0, 3.2)));
   const double bay_m = width_m / style.bays;
   style.window_width_m = std::min(rng.Uniform(0.85, 1.7), bay_m - 0.5);
@@ -92,6 +92,9 @@ FacadeStyle DrawFacadeStyle(World& world, double width_m, double height_scale, R
   style.balconies = rng.Uniform() < 0.4;
   style.surrounds = rng.Uniform() < 0.6;
   style.cornice = rng.Uniform() < 0.75;
+  if (rng.Uniform() < 0.25 && style.bays >= 3) {
+    style.bow_bay = 1 + static_cast<int>(rng.Below(static_cast<std::uint64_t>(style.bays - 2)));
+  }
   const double light = rng.Uniform();
   style.frame_colour = light < 0.6 ? Rgb{0.75f, 0.74f, 0.7f} : DrawColour(rng, 0.7, 0.08, 0.35);
 

@@ -26,7 +26,6 @@ struct Footprint {
 };
 
 inline float Clamp01(float x) { return std::min(1.0f, std::max(0.0f, x)); }
-inline float ToFloat(std::uint32_t x) { return static_cast<float>(x); }
 
 inline std::uint32_t Hash(std::uint32_t x, std::uint32_t y, std::uint32_t seed) {
   std::uint32_t h = seed + x * 0x9e3779b1u;

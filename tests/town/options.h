@@ -46,7 +46,7 @@ struct TownOptions {
   bool same_light = false;             // the drive sees the map's light, cars, people and posters
 
   // Rendering.
-  int samples_per_pixel = 3;  // where geometry or shadow edges cross a pixel; 1 elsewhere
+  int samples_per_pixel = 4;  // where geometry or shadow edges cross a pixel; 1 elsewhere
   int jpeg_quality = 90;
   int num_threads = 0;  // 0: all cores; never changes a byte
 

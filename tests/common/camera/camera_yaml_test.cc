@@ -36,7 +36,7 @@ void ExpectRefused(const std::string& text, const std::vector<std::string>& word
   const auto camera = ParseCameraYaml(text, "cam.yaml");
   ASSERT_FALSE(camera.ok()) << text;
   EXPECT_EQ(camera.status().code(), ErrorCode::kBadData);
-  const std::string& message = camera.status().message();
+  const std::string message = camera.status().message();
   EXPECT_EQ(message.substr(0, 10), "cam.yaml: ");
   EXPECT_EQ(message.find('\n'), std::string::npos) << message;
   for (const std::string& word : words) {
