@@ -126,12 +126,13 @@ Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::
 }
 
 Status MapBundle::LoadPart(const BundlePart& part, int fd, const std::string& name) {
+  const bool is_tile = part.path.starts_with("tiles/");
+  // Parts of later minor versions are verified and left alone, whatever their format.
+  if (part.path != "graph.h5" && part.path != "vocabulary.h5" && !is_tile) return {};
   auto file = Hdf5Reader::Open(fd, name);
   if (!file.ok()) return file.status();
-  if (part.path == "graph.h5") return LoadGraph(*file);
-  if (part.path == "vocabulary.h5") return LoadVocabulary(*file);
-  if (part.path.starts_with("tiles/")) return LoadTile(*file);
-  return {};  // parts of later minor versions are verified and left alone
+  if (is_tile) return LoadTile(*file);
+  return part.path == "graph.h5" ? LoadGraph(*file) : LoadVocabulary(*file);
 }
 
 Status MapBundle::LoadVocabulary(const Hdf5Reader& file) {
@@ -233,6 +234,7 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
   for (std::size_t p = 0; p < ids->size(); ++p) {
     const auto found = index_of.find((*ids)[p]);
     if (found == index_of.end()) return Bad("panorama " + (*ids)[p] + " is not in graph.h5");
+    if (slices_[found->second * per_panorama].tile != ~0U) return Bad("panorama " + (*ids)[p] + " is in two tiles");
     panorama_of_slot.push_back(found->second);
     for (std::size_t v = 0; v < per_panorama; ++v) {
       const std::size_t view = found->second * per_panorama + v, slot = p * per_panorama + v;

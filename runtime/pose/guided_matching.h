@@ -14,7 +14,7 @@ namespace panofix {
 struct GuidedOptions {
   int num_panoramas = 4;           // nearest ones with depth that are asked
   double max_distance_m = 30;      // of a panorama from the camera
-  double min_radius_px = 5, max_radius_px = 20;  // search window; within, 3 sigma of the prediction
+  double min_radius_px = 5, max_radius_px = 12;  // search window; within, 3 sigma of the prediction
   double max_descriptor_distance = 330;  // of RootSIFT bytes; unrelated features lie near 600
   double max_scale_ratio = 1.8;    // between predicted and found keypoint size
   double max_turn_deg = 25;        // between predicted and found keypoint orientation

@@ -176,10 +176,26 @@ PoseOutcome Complete(const Hypothesis& hypothesis, const Pool& retrieved, const 
   Pool pool = retrieved;
   Solution solution = Solve(pool, hypothesis.cam_from_local, camera.fx_px, errors, options);
   for (int round = 0; options.use_guided && solution.success && round < options.guided_rounds; ++round) {
+    GuidedOptions search = options.guided;
+    // The first pose may be a metre off, whatever its covariance says: windows start wide and close in.
+    const int rounds_left = options.guided_rounds - 1 - round;
+    search.max_radius_px *= 1 << rounds_left;
+    search.min_radius_px *= 1 << rounds_left;
     const GuidedMatches guided = MatchGuided(frame, grid, camera, bundle, local, solution.cam_from_local,
-                                             solution.covariance, options.guided);
+                                             solution.covariance, search);
     pool = retrieved;
     for (const ViewMatches& view : guided.views) Append(view, &pool);
+    if (rounds_left > 0) {
+      // Consensus anew: a biased start would hold on to the matches that suit it.
+      RansacOptions ransac = options.ransac;
+      ransac.minimal_solver = MinimalSolver::kP3p;
+      const RansacResult found = EstimatePoseRansac(pool.matches, ransac);
+      if (found.success &&
+          CountKeypoints(pool, found.cam_from_map, camera.fx_px) >
+              CountKeypoints(pool, solution.cam_from_local, camera.fx_px)) {
+        solution.cam_from_local = found.cam_from_map;
+      }
+    }
     outcome.support = double(guided.num_found - guided.num_decoys) / std::max(1, guided.num_visible);
     outcome.over_chance = double(guided.num_found) / std::max(1, guided.num_decoys);
     solution = Solve(pool, solution.cam_from_local, camera.fx_px, errors, options);

@@ -24,7 +24,7 @@ struct PoseOptions {
   double min_spread = 0.05;      // of the inliers over the image: 1 = uniform (see ImageSpread)
   double min_lead = 1.5;         // inliers over those of the best pose elsewhere: look-alikes end here
   double elsewhere_m = 4.0;      // what counts as elsewhere
-  int guided_rounds = 2;         // searches, each from the pose of the last
+  int guided_rounds = 3;         // searches, each from the pose of the last, in windows half as wide
   int max_candidates = 4;        // distinct hypotheses that guided matching is tried on
   int sure_inliers = 80;         // a hypothesis with more needs no rival tried
   // With guided matching: landmarks found beyond chance over landmarks visible, and found over chance.

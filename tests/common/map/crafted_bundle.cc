@@ -1,5 +1,7 @@
 #include "tests/common/map/crafted_bundle.h"
 
+#include <stdlib.h>
+
 #include "common/io/atomic_file.h"
 #include "common/io/sha256.h"
 #include "tests/common/vocabulary/make_tree.h"
@@ -8,6 +10,9 @@ namespace panofix {
 namespace {
 
 namespace fs = std::filesystem;
+
+// Tests here write hundreds of bundles and flush every file; in memory that costs nothing.
+[[maybe_unused]] const int kInMemory = fs::is_directory("/dev/shm") ? ::setenv("TMPDIR", "/dev/shm", 0) : 0;
 
 void WriteTree(Hdf5Writer* file, const std::string& group, const VocabularyTree& tree) {
   file->Write<std::uint8_t>(group + "/centroids", tree.centroids, kDescriptorSize);
@@ -44,6 +49,9 @@ void WriteTile(const CraftedTile& tile, const fs::path& path) {
   Hdf5Writer file(path);
   file.WriteStrings("panorama_ids", tile.panorama_ids);
   file.Write<std::uint32_t>("view_offsets", tile.view_offsets);
+  file.Write<std::uint32_t>("plane_offsets", tile.plane_offsets);
+  file.Write<float>("planes", tile.planes, 4);
+  file.Write<std::uint8_t>("surfaces", tile.surfaces);
   file.Write<float>("keypoints", tile.keypoints, 4);
   file.Write<float>("points_in_pano", tile.points, 4);
   file.Write<std::uint8_t>("descriptors", tile.descriptors, kDescriptorSize);
@@ -56,16 +64,24 @@ void WriteTile(const CraftedTile& tile, const fs::path& path) {
 }  // namespace
 
 void CraftedTile::AddFeature(const Keypoint& k, const Eigen::Vector3d& p, double range_sigma_m,
-                             std::span<const std::uint8_t> descriptor) {
+                             std::span<const std::uint8_t> descriptor, std::uint8_t surface_idx) {
   keypoints.insert(keypoints.end(), {k.x_px, k.y_px, k.size_px, k.angle_deg});
   for (const double v : {p.x(), p.y(), p.z(), range_sigma_m}) points.push_back(static_cast<float>(v));
   descriptors.insert(descriptors.end(), descriptor.begin(), descriptor.end());
+  surfaces.push_back(surface_idx);
 }
 
 void CraftedTile::EndView(const BagOfWords& bag) {
   view_offsets.push_back(static_cast<std::uint32_t>(keypoints.size() / 4));
   for (const WeightedWord& entry : bag) words.push_back(entry.word), weights.push_back(entry.weight);
   bag_offsets.push_back(static_cast<std::uint32_t>(words.size()));
+}
+
+void CraftedTile::EndPanorama(const std::vector<Eigen::Vector4d>& panorama_planes) {
+  for (const Eigen::Vector4d& plane : panorama_planes) {
+    for (const double v : {plane[0], plane[1], plane[2], plane[3]}) planes.push_back(static_cast<float>(v));
+  }
+  plane_offsets.push_back(static_cast<std::uint32_t>(planes.size() / 4));
 }
 
 void CraftedBundle::AddPanorama(const std::string& id, const Rigid3& map_from_pano,
@@ -133,13 +149,15 @@ CraftedBundle SmallBundle() {
     for (std::uint32_t v = 0; v < 2; ++v) {
       for (std::uint32_t i = 0; i < (3 * p + 2 * v) % 6; ++i) {
         const auto at = static_cast<float>(100 * p + 10 * v + i);
-        tile.AddFeature({at, at + 1, 4, 30, 0}, {at, 1, 2}, 0.25, RandomDescriptors(1, &rng));
+        tile.AddFeature({at, at + 1, 4, 30, 0}, {at, 1, 2}, 0.25, RandomDescriptors(1, &rng),
+                        static_cast<std::uint8_t>(1 + i % 2));
       }
       const std::uint32_t view = 2 * p + v;
       tile.EndView({{view % 4, 0.6F}, {4 + v, 0.8F}});
       b.similar.insert(b.similar.end(), {(view + 2) % 8, (view + 1) % 8});
       b.similar_offsets.push_back(static_cast<std::uint32_t>(b.similar.size()));
     }
+    tile.EndPanorama({{0, 0, 0, 0}, {0, 0, 1, -2.5}, {1, 0, 0, 5.0 + p}});
   }
   return b;
 }

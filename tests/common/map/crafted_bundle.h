@@ -14,16 +14,19 @@ namespace panofix {
 struct CraftedTile {
   std::string path;  // of the part
   std::vector<std::string> panorama_ids;
-  std::vector<std::uint32_t> view_offsets{0};
-  std::vector<float> keypoints, points;  // N x 4
-  std::vector<std::uint8_t> descriptors;
+  std::vector<std::uint32_t> view_offsets{0}, plane_offsets{0};
+  std::vector<float> planes, keypoints, points;  // N x 4
+  std::vector<std::uint8_t> surfaces, descriptors;
   std::vector<std::uint32_t> bag_offsets{0}, words;
   std::vector<float> weights;
   // One feature at the end, of the view that is being filled.
-  void AddFeature(const Keypoint& keypoint, const Eigen::Vector3d& point_in_pano, double range_sigma_m,
-                  std::span<const std::uint8_t> descriptor);
+  void AddFeature(const Keypoint& keypoint, const Eigen::Vector3d& point_in_pano,
+                  double range_sigma_m, std::span<const std::uint8_t> descriptor,
+                  std::uint8_t surface_idx = 0);
   // Ends the view that is being filled; `bag` belongs to it.
   void EndView(const BagOfWords& bag);
+  // Ends a panorama; its depth planes (n, d), by surface index.
+  void EndPanorama(const std::vector<Eigen::Vector4d>& panorama_planes);
 };
 
 struct CraftedBundle {
@@ -44,7 +47,7 @@ struct CraftedBundle {
 };
 
 // Four panoramas a, b, c, d in a row, 10 m apart, linked; two tiles of two; two views a panorama with
-// 0 to 5 features each; a vocabulary of 4 SIFT and 2 MSER words.
+// 0 to 5 features each, of the planes of index 1 and 2; a vocabulary of 4 SIFT and 2 MSER words.
 [[nodiscard]] CraftedBundle SmallBundle();
 
 // Writes the manifest's hash file anew, after a test has changed the manifest.

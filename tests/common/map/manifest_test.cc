@@ -105,7 +105,7 @@ TEST(Manifest, PartsAreNamedOnceAndHashed) {
   Json json = Parsed();
   json["parts"][1]["path"] = "graph.h5";
   EXPECT_EQ(CodeOf(json), ErrorCode::kBadData);
-  for (const std::string hash : {std::string(), std::string(63, 'a'), std::string(65, 'a'),
+  for (const std::string& hash : {std::string(), std::string(63, 'a'), std::string(65, 'a'),
                                  std::string(64, 'A'), std::string(64, 'g')}) {
     json = Parsed();
     json["parts"][0]["sha256"] = hash;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <limits>
 #include <map>
 
 #include "common/io/sha256.h"
@@ -63,6 +64,7 @@ TEST(MapBundle, EveryViewHasItsOwnFeatures) {
       EXPECT_EQ(features.keypoints[4 * i], at);
       EXPECT_EQ(features.point(i), Eigen::Vector3d(double{at}, 1, 2));
       EXPECT_EQ(features.range_sigma_m(i), 0.25);
+      EXPECT_EQ(features.surfaces[i], 1 + i % 2);
     }
     ASSERT_EQ(bundle->bags()[view].size(), 2U);
     EXPECT_EQ(bundle->bags()[view][0].word, view % 4);
@@ -73,6 +75,25 @@ TEST(MapBundle, EveryViewHasItsOwnFeatures) {
     EXPECT_EQ(similar[1], (view + 1) % 8);
   }
   EXPECT_THROW((void)bundle->Features(8), std::out_of_range);
+}
+
+TEST(MapBundle, SurfaceNormalsAreUnitOrZero) {
+  const TempFolder folder;
+  CraftedBundle crafted = SmallBundle();
+  // The second panorama's ground: not quite unit; its wall: no plane at all.
+  for (std::size_t k = 0; k < 4; ++k) crafted.tiles[0].planes[16 + k] *= 1.5F;
+  crafted.tiles[0].planes[20] = std::numeric_limits<float>::quiet_NaN();
+  crafted.Write(folder / "b");
+  const auto bundle = OpenOrFail(folder / "b");
+  ASSERT_TRUE(bundle);
+  for (const std::size_t p : {0, 1, 2, 3}) {
+    EXPECT_EQ(bundle->SurfaceNormal(p, 0), Eigen::Vector3d::Zero());
+    EXPECT_EQ(bundle->SurfaceNormal(p, 1), Eigen::Vector3d::UnitZ());
+    EXPECT_EQ(bundle->SurfaceNormal(p, 2), Eigen::Vector3d(p == 1 ? 0 : 1, 0, 0));
+    EXPECT_EQ(bundle->SurfaceNormal(p, 3), Eigen::Vector3d::Zero());
+    EXPECT_EQ(bundle->SurfaceNormal(p, 255), Eigen::Vector3d::Zero());
+  }
+  EXPECT_THROW((void)bundle->SurfaceNormal(4, 0), std::out_of_range);
 }
 
 TEST(MapBundle, TilesMayComeInAnyOrder) {
@@ -94,6 +115,7 @@ TEST(MapBundle, ABundleWithoutFeaturesOpens) {
   tile.path = "tiles/0.h5";
   tile.panorama_ids = crafted.ids;
   for (int view = 0; view < 8; ++view) tile.EndView({});
+  for (int panorama = 0; panorama < 4; ++panorama) tile.EndPanorama({});
   crafted.Write(folder / "b");
   const auto bundle = OpenOrFail(folder / "b");
   ASSERT_TRUE(bundle);
