@@ -30,8 +30,11 @@ Camera CameraFrom(const Json& j) {
   j.at("cx_px").get_to(c.cx_px);
   j.at("cy_px").get_to(c.cy_px);
   j.at("distortion_coefficients").get_to(c.distortion);
-  if (j.at("distortion_model") == "rational_polynomial") {
+  const auto model = j.at("distortion_model").get<std::string>();
+  if (model == DistortionModelName(DistortionModel::kRationalPolynomial)) {
     c.distortion_model = DistortionModel::kRationalPolynomial;
+  } else if (model != DistortionModelName(DistortionModel::kPlumbBob)) {
+    throw std::invalid_argument("distortion model '" + model + "' is unknown");
   }
   const Status status = c.Check();
   if (!status.ok()) throw std::invalid_argument("camera: " + status.message());

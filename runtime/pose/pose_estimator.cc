@@ -166,23 +166,63 @@ std::vector<Hypothesis> DistinctBest(std::vector<Hypothesis> hypotheses, const P
   return distinct;
 }
 
-// From a hypothesis to a pose: refinement, guided rounds, adjustment.
-PoseOutcome Complete(const Hypothesis& hypothesis, const Pool& retrieved, const FrameFeatures& frame,
-                     const KeypointGrid& grid, const Camera& camera, const MapBundle& bundle,
-                     const LocalFrame& local, const PoseOptions& options) {
+// Everything that a guided search needs beside the pose.
+struct Scene {
+  const FrameFeatures& frame;
+  const KeypointGrid& grid;
+  const Camera& camera;
+  const MapBundle& bundle;
+  const LocalFrame& local;
+};
+
+// Landmarks found beyond chance in windows of one size: comparable between poses.
+int SupportAt(const Scene& scene, const Rigid3& cam_from_local, const PoseOptions& options) {
+  GuidedOptions search = options.guided;
+  search.min_radius_px = search.max_radius_px;
+  const GuidedMatches found = MatchGuided(scene.frame, scene.grid, scene.camera, scene.bundle, scene.local,
+                                          cam_from_local, Matrix6d::Zero(), search);
+  return found.num_found - found.num_decoys;
+}
+
+// Steps sideways and along the line of sight to where more landmarks are found. Consensus on points of
+// wrong depth (trees and cars before a façade) sits beside the right pose, not on it.
+Rigid3 ClimbSupport(const Scene& scene, const Rigid3& start, const PoseOptions& options) {
+  Rigid3 local_from_cam = start.Inverse();
+  int best = SupportAt(scene, start, options);
+  double step_m = options.climb_step_m;
+  for (int climb = 0; climb < options.max_climbs; ++climb) {
+    const Rigid3 centre = local_from_cam;
+    for (const auto& [right, forward] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+      Rigid3 beside = centre;
+      Eigen::Vector3d d = centre.rotation * Eigen::Vector3d(right, 0, forward);
+      d.z() = 0;  // the road is no way up
+      beside.translation += step_m * d;
+      const int support = SupportAt(scene, beside.Inverse(), options);
+      if (support > best) best = support, local_from_cam = beside;
+    }
+    if (local_from_cam.translation == centre.translation) {
+      if (step_m < options.climb_step_m) break;
+      step_m *= 0.5;
+    }
+  }
+  return local_from_cam.Inverse();
+}
+
+// Guided rounds from a pose, each in windows half as wide, then the adjustment.
+PoseOutcome GuidedRounds(const Scene& scene, const Pool& retrieved, Solution solution, const PoseOptions& options) {
   PoseOutcome outcome;
   outcome.covariance = Matrix6d::Zero();
-  const MapErrors& errors = bundle.manifest().errors;
+  const MapErrors& errors = scene.bundle.manifest().errors;
+  const double focal_px = scene.camera.fx_px;
   Pool pool = retrieved;
-  Solution solution = Solve(pool, hypothesis.cam_from_local, camera.fx_px, errors, options);
   for (int round = 0; options.use_guided && solution.success && round < options.guided_rounds; ++round) {
     GuidedOptions search = options.guided;
     // The first pose may be a metre off, whatever its covariance says: windows start wide and close in.
     const int rounds_left = options.guided_rounds - 1 - round;
     search.max_radius_px *= 1 << rounds_left;
     search.min_radius_px *= 1 << rounds_left;
-    const GuidedMatches guided = MatchGuided(frame, grid, camera, bundle, local, solution.cam_from_local,
-                                             solution.covariance, search);
+    const GuidedMatches guided = MatchGuided(scene.frame, scene.grid, scene.camera, scene.bundle, scene.local,
+                                             solution.cam_from_local, solution.covariance, search);
     pool = retrieved;
     for (const ViewMatches& view : guided.views) Append(view, &pool);
     if (rounds_left > 0) {
@@ -190,23 +230,36 @@ PoseOutcome Complete(const Hypothesis& hypothesis, const Pool& retrieved, const 
       RansacOptions ransac = options.ransac;
       ransac.minimal_solver = MinimalSolver::kP3p;
       const RansacResult found = EstimatePoseRansac(pool.matches, ransac);
-      if (found.success &&
-          CountKeypoints(pool, found.cam_from_map, camera.fx_px) >
-              CountKeypoints(pool, solution.cam_from_local, camera.fx_px)) {
+      if (found.success && CountKeypoints(pool, found.cam_from_map, focal_px) >
+                               CountKeypoints(pool, solution.cam_from_local, focal_px)) {
         solution.cam_from_local = found.cam_from_map;
       }
     }
     outcome.support = double(guided.num_found - guided.num_decoys) / std::max(1, guided.num_visible);
     outcome.over_chance = double(guided.num_found) / std::max(1, guided.num_decoys);
-    solution = Solve(pool, solution.cam_from_local, camera.fx_px, errors, options);
+    solution = Solve(pool, solution.cam_from_local, focal_px, errors, options);
   }
   if (!solution.success) return outcome;
   outcome.found = true;
   outcome.cam_from_local = solution.cam_from_local;
   outcome.covariance = solution.covariance;
   outcome.chi2_per_dof = solution.chi2_per_dof;
-  Summarize(pool, frame, camera, &outcome);
+  Summarize(pool, scene.frame, scene.camera, &outcome);
   return outcome;
+}
+
+// From a hypothesis to a pose: refinement and guided rounds; where these leave doubt, once more from the
+// best supported pose near by.
+PoseOutcome Complete(const Scene& scene, const Hypothesis& hypothesis, const Pool& retrieved,
+                     const PoseOptions& options) {
+  const Solution start = Solve(retrieved, hypothesis.cam_from_local, scene.camera.fx_px,
+                               scene.bundle.manifest().errors, options);
+  PoseOutcome outcome = GuidedRounds(scene, retrieved, start, options);
+  if (!options.use_guided || !outcome.found || outcome.over_chance >= options.sure_over_chance) return outcome;
+  Solution beside = start;
+  beside.cam_from_local = ClimbSupport(scene, outcome.cam_from_local, options);
+  const PoseOutcome other = GuidedRounds(scene, retrieved, beside, options);
+  return other.found && other.support > outcome.support ? other : outcome;
 }
 
 // Where the camera would be against the map's panoramas and a vehicle's attitude, or "".
@@ -273,8 +326,9 @@ PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatu
   constexpr std::size_t kFewestMatches = 12;
   best.reason = pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus";
   const KeypointGrid grid(frame, camera);
+  const Scene scene{frame, grid, camera, bundle, local};
   for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) {
-    PoseOutcome outcome = Complete(hypothesis, pool, frame, grid, camera, bundle, local, options);
+    PoseOutcome outcome = Complete(scene, hypothesis, pool, options);
     if (!outcome.found) continue;
     for (const Hypothesis& h : hypotheses) {
       if ((CentreOf(h.cam_from_local) - CentreOf(outcome.cam_from_local)).norm() > options.elsewhere_m) {

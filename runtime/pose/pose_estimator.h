@@ -25,6 +25,10 @@ struct PoseOptions {
   double min_lead = 1.5;         // inliers over those of the best pose elsewhere: look-alikes end here
   double elsewhere_m = 4.0;      // what counts as elsewhere
   int guided_rounds = 3;         // searches, each from the pose of the last, in windows half as wide
+  // A pose whose support is not this far over chance is compared with poses beside it first.
+  double sure_over_chance = 8.0;
+  double climb_step_m = 0.7;     // step of that comparison, halved as it ends
+  int max_climbs = 6;
   int max_candidates = 4;        // distinct hypotheses that guided matching is tried on
   int sure_inliers = 80;         // a hypothesis with more needs no rival tried
   // With guided matching: landmarks found beyond chance over landmarks visible, and found over chance.
