@@ -39,6 +39,9 @@ Command AddBuildCommand(CLI::App* app) {
   command->add_option("--view-pitch-deg", o->view_pitch_deg, "their pitch, up positive")->capture_default_str();
   command->add_option("--equalization", *equalization, "none, global or clahe (default clahe)");
   command->add_option("--max-sift", o->extract.features.max_sift, "SIFT features looked at a view")->capture_default_str();
+  command->add_option("--sift-contrast-threshold", o->extract.features.sift_contrast_threshold,
+                      "lower finds more and weaker features")
+      ->capture_default_str();
   command->add_option("--max-features", o->max_features, "features stored a view: the bundle's size")->capture_default_str();
   command->add_option("--sift-words", o->num_sift_words, "visual words of SIFT features")->capture_default_str();
   command->add_option("--mser-words", o->num_mser_words, "visual words of MSER regions")->capture_default_str();
@@ -63,6 +66,8 @@ Command AddBuildCommand(CLI::App* app) {
       throw Error(ErrorCode::kInvalidArgument, "--preset " + *preset + ": unknown; use default or paper");
     }
     if (!equalization->empty()) o->extract.features.equalization = ValueOrThrow(ParseEqualization(*equalization));
+    // "map/" is "map": what lies beside the bundle (its work folder, its report) takes its name.
+    if (!o->out.has_filename()) o->out = o->out.parent_path();
     const RunReport report = Build(*o);
     std::fputs(report.ToTable().c_str(), stdout);
     std::printf("bundle %s is ready; see it with: panofix-builder inspect %s\n", o->out.c_str(), o->out.c_str());

@@ -35,8 +35,8 @@ int Dispatch(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    app.exit(error);
-    return error.get_exit_code() != 0 ? panofix::ExitCode(ErrorCode::kInvalidArgument) : 0;
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    throw panofix::Error(ErrorCode::kInvalidArgument, std::string(error.what()) + "; see panofix-builder --help");
   }
   if (!panofix::SetLogLevel(log_level)) {
     throw panofix::Error(ErrorCode::kInvalidArgument,

@@ -117,7 +117,9 @@ Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::
       return Status(ErrorCode::kChecksumMismatch, name + ": its SHA-256 is not the manifest's" + kMend);
     }
     const Status status = bundle->LoadPart(part, fd.get(), name);
-    if (!status.ok()) return Status(status.code(), name + ": " + status.message());
+    // An array that is not there is the bundle's fault, not the caller's.
+    const ErrorCode code = status.code() == ErrorCode::kNotFound ? ErrorCode::kBadData : status.code();
+    if (!status.ok()) return Status(code, name + ": " + status.message());
   }
   for (const Slice& slice : bundle->slices_) {
     if (slice.tile == ~0U) return Bad(folder.string() + ": a panorama of graph.h5 is in no tile");

@@ -24,7 +24,7 @@ Exit codes: 0 done, 64 wrong use, 65 bad data, 66 not found, 74 disk or network,
 76 bundle format not readable, 130 interrupted.)";
 
 void AddLocalizerOptions(CLI::App* command, panofix::LocalizerOptions* options) {
-  command->add_option("--preset", options->preset, "default, or paper: the published method to the letter")
+  command->add_option("--preset", options->preset, "default, or paper: the published estimator, for comparison")
       ->capture_default_str();
   command->add_option("--threads", options->num_threads, "processors to use; 0 = all")->capture_default_str();
   command->add_option("--seed", options->seed, "seed of the robust search; same frames, same poses")
@@ -81,9 +81,10 @@ Status Dispatch(int argc, char** argv, int* parse_exit) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    const bool is_fault = error.get_exit_code() != 0;
-    *parse_exit = is_fault ? 64 : 0;
-    app.exit(error);
+    if (error.get_exit_code() != 0) {
+      return {panofix::ErrorCode::kInvalidArgument, std::string(error.what()) + "; see panofix-runtime --help"};
+    }
+    *parse_exit = app.exit(error);  // --help, --version
     return {};
   }
   if (!panofix::SetLogLevel(log_level)) {

@@ -216,6 +216,7 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
   result.timestamp_ns = timestamp_ns;
   result.num_database = static_cast<std::int64_t>(impl_->bundle->views().size());
   const auto start = std::chrono::steady_clock::now();
+  LogDebug(Format("frame %lld", static_cast<long long>(timestamp_ns)));
   try {
     if (frame.width_px != impl_->camera.width_px || frame.height_px != impl_->camera.height_px) {
       result.reason = "frame_size_differs_from_camera";

@@ -44,7 +44,8 @@ Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx, std
   const std::uint32_t panorama_idx = bundle.views()[view_idx].panorama_idx;
   const std::uint8_t surface_idx = features.surfaces[feature_idx];
   const MapErrors& errors = bundle.manifest().errors;
-  c.surface_id = static_cast<int>(panorama_idx) * 256 + surface_idx;
+  // Index 0 is no plane: a raster's points err each by itself.
+  if (surface_idx > 0) c.surface_id = static_cast<int>(panorama_idx) * 256 + surface_idx;
   c.surface_normal_in_map = local_from_pano.rotation * bundle.SurfaceNormal(panorama_idx, surface_idx);
   c.surface_distance_sigma = errors.range_sigma_share;
   c.surface_normal_sigma_rad = errors.normal_sigma_deg * kRadPerDeg;

@@ -337,9 +337,13 @@ PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatu
     }
     outcome.reason = FailedGate(outcome, bundle, local, options);
     outcome.trusted = outcome.reason.empty();
-    LogDebug(Format("pose: %d inliers, %d elsewhere, spread %.3f, support %.3f, over chance %.1f, chi2 %.2f, %s",
-                    outcome.num_inliers, outcome.num_elsewhere, outcome.spread, outcome.support,
-                    outcome.over_chance, outcome.chi2_per_dof, outcome.trusted ? "trusted" : outcome.reason.c_str()));
+    const Geodetic place = bundle.frame().ToGeodetic(local.ToMap(CentreOf(outcome.cam_from_local)));
+    LogDebug(Format("candidate %.9f %.9f inliers %d elsewhere %d spread %.3f support %.3f over_chance %.1f "
+                    "chi2 %.2f sigma_m %.3f %s",
+                    place.lat_deg, place.lon_deg, outcome.num_inliers, outcome.num_elsewhere, outcome.spread,
+                    outcome.support, outcome.over_chance, outcome.chi2_per_dof,
+                    std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()),
+                    outcome.trusted ? "trusted" : outcome.reason.c_str()));
     if (std::make_tuple(outcome.trusted, outcome.support, outcome.num_inliers) >
         std::make_tuple(best.trusted, best.support, best.num_inliers)) {
       best = outcome;

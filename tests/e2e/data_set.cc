@@ -9,7 +9,7 @@ namespace fs = std::filesystem;
 TownData::TownData(const std::vector<std::string>& options) {
   std::vector<std::string> arguments{"--out", town().string()};
   arguments.insert(arguments.end(), options.begin(), options.end());
-  const Outcome outcome = Run(TownCommand(arguments));
+  const Outcome outcome = RunProgram(TownCommand(arguments));
   EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
 }
 

@@ -48,7 +48,7 @@ class TownData {
 [[nodiscard]] std::filesystem::path WriteDataSet(const TownData& data, const std::string& name,
                                                  const Json& collection);
 // A copy of a folder that a test may damage.
-[[nodiscard]] std::filesystem::path CopyFolder(const std::filesystem::path& from,
+std::filesystem::path CopyFolder(const std::filesystem::path& from,
                                                const std::filesystem::path& to);
 // Flips the lowest bit of the byte in the middle.
 void FlipMiddleByte(const std::filesystem::path& path);

@@ -29,9 +29,11 @@ std::string ReadAll(int fd) {
   return text;
 }
 
-std::vector<std::string> Command(const char* program, std::vector<std::string> arguments) {
-  arguments.insert(arguments.begin(), std::string(PANOFIX_BIN_DIR) + "/" + program);
-  return arguments;
+std::vector<std::string> Command(const std::string& program,
+                                 const std::vector<std::string>& arguments) {
+  std::vector<std::string> command{PANOFIX_BIN_DIR "/" + program};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  return command;
 }
 
 }  // namespace
@@ -87,21 +89,21 @@ std::optional<int> Process::Wait(double timeout_s) {
 std::string Process::Output() const { return ReadAll(output_fd_); }
 std::string Process::Errors() const { return ReadAll(errors_fd_); }
 
-Outcome Run(const std::vector<std::string>& command) {
+Outcome RunProgram(const std::vector<std::string>& command) {
   Process process(command);
   const auto exit_code = process.Wait(kPatience_s);
   if (!exit_code) ADD_FAILURE() << command[0] << " " << command[1] << " does not end";
   return {exit_code.value_or(-1), process.Output(), process.Errors()};
 }
 
-std::vector<std::string> TownCommand(std::vector<std::string> arguments) {
-  return Command("panofix-town", std::move(arguments));
+std::vector<std::string> TownCommand(const std::vector<std::string>& arguments) {
+  return Command("panofix-town", arguments);
 }
-std::vector<std::string> BuilderCommand(std::vector<std::string> arguments) {
-  return Command("panofix-builder", std::move(arguments));
+std::vector<std::string> BuilderCommand(const std::vector<std::string>& arguments) {
+  return Command("panofix-builder", arguments);
 }
-std::vector<std::string> RuntimeCommand(std::vector<std::string> arguments) {
-  return Command("panofix-runtime", std::move(arguments));
+std::vector<std::string> RuntimeCommand(const std::vector<std::string>& arguments) {
+  return Command("panofix-runtime", arguments);
 }
 
 }  // namespace panofix::e2e

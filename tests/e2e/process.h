@@ -39,17 +39,17 @@ struct Outcome {
 };
 
 // Runs a program to its end. One that outlives a minute's patience is killed and fails the test.
-[[nodiscard]] Outcome Run(const std::vector<std::string>& command);
+[[nodiscard]] Outcome RunProgram(const std::vector<std::string>& command);
 
 // The programs of this build with their arguments.
-[[nodiscard]] std::vector<std::string> TownCommand(std::vector<std::string> arguments);
-[[nodiscard]] std::vector<std::string> BuilderCommand(std::vector<std::string> arguments);
-[[nodiscard]] std::vector<std::string> RuntimeCommand(std::vector<std::string> arguments);
-[[nodiscard]] inline Outcome Builder(std::vector<std::string> arguments) {
-  return Run(BuilderCommand(std::move(arguments)));
+[[nodiscard]] std::vector<std::string> TownCommand(const std::vector<std::string>& arguments);
+[[nodiscard]] std::vector<std::string> BuilderCommand(const std::vector<std::string>& arguments);
+[[nodiscard]] std::vector<std::string> RuntimeCommand(const std::vector<std::string>& arguments);
+[[nodiscard]] inline Outcome Builder(const std::vector<std::string>& arguments) {
+  return RunProgram(BuilderCommand(arguments));
 }
-[[nodiscard]] inline Outcome Runtime(std::vector<std::string> arguments) {
-  return Run(RuntimeCommand(std::move(arguments)));
+[[nodiscard]] inline Outcome Runtime(const std::vector<std::string>& arguments) {
+  return RunProgram(RuntimeCommand(arguments));
 }
 
 }  // namespace panofix::e2e

@@ -199,7 +199,7 @@ TEST_F(Sockets, ServeWaitsForAPublisherAndStopsWhenTold) {
 TEST_F(Sockets, PlayGivesUpOnSubscribersWhereAskedTo) {
   std::vector<std::string> command = PlayCommand("10");
   command.back() = "0.2";
-  const Outcome outcome = Run(command);
+  const Outcome outcome = RunProgram(command);
   EXPECT_EQ(outcome.exit_code, 66);
   EXPECT_THAT(outcome.errors, HasSubstr("nobody subscribed"));
 }

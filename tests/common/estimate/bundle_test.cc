@@ -43,33 +43,107 @@ TEST(BundleResidual, JacobiansEqualDifferences) {
   const SyntheticPose world = MakeSyntheticPose(options, 2);
   Rng rng(2, "tests/bundle_residual");
   int checked = 0;
-  for (const Correspondence& match : world.matches) {
+  for (Correspondence match : world.matches) {
+    // A plane that faces the panorama, more or less.
+    match.surface_normal_in_map = (match.lever_in_map.normalized() + 0.3 * RandomNormal3(&rng)).normalized();
     const Eigen::Matrix2d whitener = SqrtInformation(ResidualCovariance(match, world.cam_from_map));
     const Vector6d frame = SmallDelta(&rng), panorama = SmallDelta(&rng);
-    Eigen::Vector2d residual, low, high;
+    const Eigen::Vector3d surface = SmallDelta(&rng).head<3>();
+    const auto residual_at = [&](const Vector6d& f, const Vector6d& p, const Eigen::Vector3d& s) {
+      Eigen::Vector2d residual = Eigen::Vector2d::Constant(NAN);
+      EXPECT_TRUE(BundleResidual(match, whitener, world.cam_from_map, f, p, s, &residual, nullptr, nullptr, nullptr));
+      return residual;
+    };
+    Eigen::Vector2d residual;
     Matrix26d frame_jacobian, panorama_jacobian;
-    if (!BundleResidual(match, whitener, world.cam_from_map, frame, panorama, &residual,
-                        &frame_jacobian, &panorama_jacobian)) {
+    Matrix23d surface_jacobian;
+    if (!BundleResidual(match, whitener, world.cam_from_map, frame, panorama, surface, &residual,
+                        &frame_jacobian, &panorama_jacobian, &surface_jacobian)) {
       continue;
     }
     ++checked;
     for (Eigen::Index k = 0; k < 6; ++k) {
       const Vector6d step = kStep * Vector6d::Unit(k);
-      ASSERT_TRUE(BundleResidual(match, whitener, world.cam_from_map, frame - step, panorama, &low,
-                                 nullptr, nullptr));
-      ASSERT_TRUE(BundleResidual(match, whitener, world.cam_from_map, frame + step, panorama, &high,
-                                 nullptr, nullptr));
-      EXPECT_LT(((high - low) / (2 * kStep) - frame_jacobian.col(k)).norm(),
-                kDifferenceTolerance * (1 + frame_jacobian.norm()));
-      ASSERT_TRUE(BundleResidual(match, whitener, world.cam_from_map, frame, panorama - step, &low,
-                                 nullptr, nullptr));
-      ASSERT_TRUE(BundleResidual(match, whitener, world.cam_from_map, frame, panorama + step, &high,
-                                 nullptr, nullptr));
-      EXPECT_LT(((high - low) / (2 * kStep) - panorama_jacobian.col(k)).norm(),
+      const Eigen::Vector2d by_frame = (residual_at(frame + step, panorama, surface) -
+                                        residual_at(frame - step, panorama, surface)) / (2 * kStep);
+      EXPECT_LT((by_frame - frame_jacobian.col(k)).norm(), kDifferenceTolerance * (1 + frame_jacobian.norm()));
+      const Eigen::Vector2d by_panorama = (residual_at(frame, panorama + step, surface) -
+                                           residual_at(frame, panorama - step, surface)) / (2 * kStep);
+      EXPECT_LT((by_panorama - panorama_jacobian.col(k)).norm(),
                 kDifferenceTolerance * (1 + panorama_jacobian.norm()));
+    }
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      const Eigen::Vector3d step = kStep * Eigen::Vector3d::Unit(k);
+      const Eigen::Vector2d by_surface = (residual_at(frame, panorama, surface + step) -
+                                          residual_at(frame, panorama, surface - step)) / (2 * kStep);
+      EXPECT_LT((by_surface - surface_jacobian.col(k)).norm(),
+                kDifferenceTolerance * (1 + surface_jacobian.norm()));
     }
   }
   EXPECT_GT(checked, 150);
+}
+
+// The row against the plane equation itself: n' . X = d' with the errors put in.
+TEST(SurfaceRow, IsTheRangeChangeOfAMovedPlane) {
+  Rng rng(3, "tests/surface_row");
+  for (int trial = 0; trial < 200; ++trial) {
+    Correspondence match;
+    match.lever_in_map = 10 * RandomNormal3(&rng).normalized();
+    match.surface_normal_in_map = (match.lever_in_map.normalized() + 0.4 * RandomNormal3(&rng)).normalized();
+    const Eigen::Vector3d n = match.surface_normal_in_map, e1 = n.unitOrthogonal(), e2 = n.cross(e1);
+    const Eigen::Vector3d v = match.lever_in_map.normalized();
+    if (n.dot(v) < 0.3) continue;
+    const double d = n.dot(match.lever_in_map);
+    const Eigen::Vector3d delta = 1e-5 * RandomNormal3(&rng);
+    const Eigen::Vector3d moved_normal = n + delta(1) * e1 + delta(2) * e2;
+    const double moved_range = d * (1 + delta(0)) / moved_normal.dot(v);
+    EXPECT_NEAR(moved_range / 10 - 1, SurfaceRow(match).dot(delta), 1e-8);  // second order of 1e-5
+  }
+}
+
+// Points on few planes whose errors they share: the adjustment knows its own error, and the refinement,
+// which takes them for independent, is overconfident.
+TEST(LocalBundleAdjustment, IsCalibratedForErrorsSharedByAPlane) {
+  constexpr int kTrials = 300, kPlanes = 4;
+  constexpr double kDistanceSigma = 0.03;
+  std::vector<double> nees_bundle, nees_refine;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    SyntheticPoseOptions options;
+    options.pixel_sigma = 0.7;
+    options.num_panoramas = 1;
+    SyntheticPose world = MakeSyntheticPose(options, 100 + trial);
+    Rng rng(static_cast<std::uint64_t>(trial), "tests/shared_planes");
+    std::vector<double> error(kPlanes);
+    for (double& e : error) e = kDistanceSigma * rng.Normal();
+    for (std::size_t i = 0; i < world.matches.size(); ++i) {
+      Correspondence& match = world.matches[i];
+      match.surface_id = static_cast<int>(i % kPlanes);
+      match.surface_distance_sigma = kDistanceSigma;
+      match.range_sigma_in_map = kDistanceSigma * match.lever_in_map;
+      const double own = 1e-3;  // keeps the own error above zero, as the map does
+      match.range_sigma_in_map *= std::sqrt(1 + own);
+      const double stretch = error[i % kPlanes];
+      match.point_in_map += stretch * match.lever_in_map;
+      match.lever_in_map *= 1 + stretch;
+    }
+    const RefineResult refined = RefinePose(world.matches, world.cam_from_map, {});
+    const PanoramaPrior prior{world.matches[0].panorama_idx, 1e-4, 1e-5, 1e-5};
+    const BundleResult adjusted = LocalBundleAdjustment(world.matches, refined.cam_from_map, {&prior, 1}, {});
+    ASSERT_TRUE(refined.success && adjusted.success);
+    const auto nees = [&](const Rigid3& pose, const Matrix6d& covariance) {
+      const Vector6d e = PoseError(pose, world.cam_from_map);
+      return e.dot(covariance.ldlt().solve(e));
+    };
+    nees_bundle.push_back(nees(adjusted.cam_from_map, adjusted.covariance));
+    nees_refine.push_back(nees(refined.cam_from_map, refined.covariance));
+  }
+  const auto median = [](std::vector<double> v) {
+    std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
+    return v[v.size() / 2];
+  };
+  constexpr double kExpected = 5.348;  // median of chi-square with 6
+  EXPECT_NEAR(median(nees_bundle) / kExpected, 1.0, 0.35);  // own error kept at a tenth widens it
+  EXPECT_GT(median(nees_refine), 1.5 * median(nees_bundle));
 }
 
 TEST(SqrtInformation, WhitensItsCovariance) {
