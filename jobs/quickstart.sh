@@ -118,14 +118,14 @@ drive_through() {
   local frames_port poses_port serve_pid record_pid rows
   frames_port=$(free_port) && poses_port=$(free_port "$frames_port") || return 1
   rows=$(($(wc -l <"$town/drive/frames.csv") - 1))
-  rm -f "$out/poses.csv"
+  rm -f "$out/poses.csv" "$out/runtime.json"
   "$bin/panofix-runtime" serve --bundle "$out/bundle" --frames "tcp://127.0.0.1:$frames_port" \
     --poses "tcp://127.0.0.1:$poses_port" >"$out/serve.log" 2>&1 &
   serve_pid=$!
   pids+=("$serve_pid")
   wait_for_port "$poses_port" "$serve_pid" || { tail -n 5 "$out/serve.log"; return 1; }
   "$bin/panofix-runtime" record --poses "tcp://127.0.0.1:$poses_port" --out "$out/poses.csv" \
-    --count "$rows" >"$out/record.log" 2>&1 &
+    --log "$out/runtime.json" --count "$rows" >"$out/record.log" 2>&1 &
   record_pid=$!
   pids+=("$record_pid")
   sleep 1  # its subscription reaches the runtime
@@ -144,7 +144,7 @@ drive_through() {
 
 score() {
   "$bin/panofix-builder" score --poses "$out/poses.csv" --drive "$town/drive" \
-    --bundle "$out/bundle" --picture "$out/birdseye.svg"
+    --bundle "$out/bundle" --log "$out/runtime.json" --picture "$out/birdseye.svg"
 }
 
 jobs/install_dependencies.sh

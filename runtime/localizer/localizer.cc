@@ -83,6 +83,8 @@ struct Localizer::Impl {
   FrameFeatures Extract(const GrayImage& frame, BagOfWords* bag, StageLatency* latency);
   PoseOutcome Solve(const FrameFeatures& features, const RetrievalResult& retrieved, LocalFrame* local,
                     StageLatency* latency) const;
+  [[nodiscard]] std::vector<Rigid3> Predictions(const LocalFrame& local) const;
+  void Lose();
   void Run(const GrayImage& frame, FrameResult* result);
   void Fill(const PoseOutcome& outcome, const LocalFrame& local, FrameResult* result) const;
 
@@ -94,6 +96,7 @@ struct Localizer::Impl {
   BundleIdentity identity;
   std::unique_ptr<tbb::global_control> thread_limit;
   std::vector<std::uint32_t> last_views;  // of the last fix; empty = lost
+  std::vector<Rigid3> last_poses;         // map_from_cam of the last fixes of an unbroken run, at most 2
 };
 
 FrameFeatures Localizer::Impl::Extract(const GrayImage& frame, BagOfWords* bag, StageLatency* latency) {
@@ -124,9 +127,30 @@ PoseOutcome Localizer::Impl::Solve(const FrameFeatures& features, const Retrieva
     matches[i] = MatchView(features, camera, *bundle, retrieved.views[i].view_idx, *local, match_options);
   });
   latency->matching_ms += watch.Lap();
-  PoseOutcome outcome = EstimatePose(matches, features, camera, *bundle, *local, pose_options);
+  PoseOutcome outcome =
+      EstimatePose(matches, Predictions(*local), features, camera, *bundle, *local, pose_options);
   latency->pose_ms += watch.Lap();
   return outcome;
+}
+
+// Where the camera may be by its last fixes, cam_from_local: moved on as before, or standing still.
+std::vector<Rigid3> Localizer::Impl::Predictions(const LocalFrame& local) const {
+  std::vector<Rigid3> predictions;
+  const auto add = [&](const Rigid3& map_from_cam) {
+    predictions.push_back(Rigid3(map_from_cam.rotation, local.FromMap(map_from_cam.translation)).Inverse());
+  };
+  if (last_poses.size() == 2) {
+    Rigid3 moved = last_poses[1];
+    moved.translation += last_poses[1].translation - last_poses[0].translation;
+    add(moved);
+  }
+  if (!last_poses.empty()) add(last_poses.back());
+  return predictions;
+}
+
+void Localizer::Impl::Lose() {
+  last_views.clear();
+  last_poses.clear();
 }
 
 void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local, FrameResult* result) const {
@@ -154,7 +178,7 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
   constexpr std::size_t kFewestFeatures = 20;
   if (features.sift.size() < kFewestFeatures) {
     result->reason = "too_few_features";
-    last_views.clear();
+    Lose();
     return;
   }
   // The window of the last fix first; the whole map where that fails.
@@ -179,9 +203,11 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
     result->best_panorama = bundle->panoramas()[bundle->views()[outcome.best_view].panorama_idx].id;
     last_views = outcome.views;
     if (last_views.size() > kWindowSeeds) last_views.resize(kWindowSeeds);
+    last_poses.emplace_back(result->pose->map_from_cam, result->pose->position_in_map);
+    if (last_poses.size() > 2) last_poses.erase(last_poses.begin());
     return;
   }
-  last_views.clear();
+  Lose();
 }
 
 Localizer::Localizer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

@@ -252,8 +252,12 @@ PoseOutcome GuidedRounds(const Scene& scene, const Pool& retrieved, Solution sol
 // best supported pose near by.
 PoseOutcome Complete(const Scene& scene, const Hypothesis& hypothesis, const Pool& retrieved,
                      const PoseOptions& options) {
-  const Solution start = Solve(retrieved, hypothesis.cam_from_local, scene.camera.fx_px,
-                               scene.bundle.manifest().errors, options);
+  Solution start = Solve(retrieved, hypothesis.cam_from_local, scene.camera.fx_px,
+                         scene.bundle.manifest().errors, options);
+  if (hypothesis.num_keypoints == 0) {
+    // A prediction: no match speaks for it yet, so it is first brought to where landmarks are found.
+    start = {true, ClimbSupport(scene, hypothesis.cam_from_local, options)};
+  }
   PoseOutcome outcome = GuidedRounds(scene, retrieved, start, options);
   if (!options.use_guided || !outcome.found || outcome.over_chance >= options.sure_over_chance) return outcome;
   Solution beside = start;
@@ -295,6 +299,17 @@ std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, cons
   return ImplausiblePlace(outcome.cam_from_local.Inverse(), bundle, local, options);
 }
 
+// For fitting gates: every candidate with what the gates look at.
+void LogCandidate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local) {
+  const Geodetic place = bundle.frame().ToGeodetic(local.ToMap(CentreOf(outcome.cam_from_local)));
+  LogDebug(Format("candidate %.9f %.9f inliers %d elsewhere %d spread %.3f support %.3f over_chance %.1f "
+                  "chi2 %.2f sigma_m %.3f %s",
+                  place.lat_deg, place.lon_deg, outcome.num_inliers, outcome.num_elsewhere, outcome.spread,
+                  outcome.support, outcome.over_chance, outcome.chi2_per_dof,
+                  std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()),
+                  outcome.trusted ? "trusted" : outcome.reason.c_str()));
+}
+
 }  // namespace
 
 void PoseOptions::Check() const {
@@ -315,9 +330,9 @@ double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera)
   return std::sqrt(std::max(0.0, covariance.determinant())) / uniform;
 }
 
-PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatures& frame,
-                         const Camera& camera, const MapBundle& bundle, const LocalFrame& local,
-                         const PoseOptions& options) {
+PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const std::vector<Rigid3>& predictions,
+                         const FrameFeatures& frame, const Camera& camera, const MapBundle& bundle,
+                         const LocalFrame& local, const PoseOptions& options) {
   Pool pool;
   for (const ViewMatches& view : views) Append(view, &pool);
   const std::vector<Hypothesis> hypotheses = FindHypotheses(views, pool, camera.fx_px, options);
@@ -327,9 +342,9 @@ PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatu
   best.reason = pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus";
   const KeypointGrid grid(frame, camera);
   const Scene scene{frame, grid, camera, bundle, local};
-  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) {
+  const auto consider = [&](const Hypothesis& hypothesis) {
     PoseOutcome outcome = Complete(scene, hypothesis, pool, options);
-    if (!outcome.found) continue;
+    if (!outcome.found) return;
     for (const Hypothesis& h : hypotheses) {
       if ((CentreOf(h.cam_from_local) - CentreOf(outcome.cam_from_local)).norm() > options.elsewhere_m) {
         outcome.num_elsewhere = std::max(outcome.num_elsewhere, h.num_keypoints);
@@ -337,17 +352,15 @@ PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatu
     }
     outcome.reason = FailedGate(outcome, bundle, local, options);
     outcome.trusted = outcome.reason.empty();
-    const Geodetic place = bundle.frame().ToGeodetic(local.ToMap(CentreOf(outcome.cam_from_local)));
-    LogDebug(Format("candidate %.9f %.9f inliers %d elsewhere %d spread %.3f support %.3f over_chance %.1f "
-                    "chi2 %.2f sigma_m %.3f %s",
-                    place.lat_deg, place.lon_deg, outcome.num_inliers, outcome.num_elsewhere, outcome.spread,
-                    outcome.support, outcome.over_chance, outcome.chi2_per_dof,
-                    std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()),
-                    outcome.trusted ? "trusted" : outcome.reason.c_str()));
+    LogCandidate(outcome, bundle, local);
     if (std::make_tuple(outcome.trusted, outcome.support, outcome.num_inliers) >
         std::make_tuple(best.trusted, best.support, best.num_inliers)) {
       best = outcome;
     }
+  };
+  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) consider(hypothesis);
+  for (std::size_t i = 0; i < predictions.size() && options.use_guided && !best.trusted; ++i) {
+    consider({predictions[i], 0});
   }
   return best;
 }

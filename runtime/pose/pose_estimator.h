@@ -33,7 +33,7 @@ struct PoseOptions {
   int sure_inliers = 80;         // a hypothesis with more needs no rival tried
   // With guided matching: landmarks found beyond chance over landmarks visible, and found over chance.
   double min_support = 0.03;
-  double min_over_chance = 3.0;
+  double min_over_chance = 4.0;
   double max_position_sigma_m = 1.0;   // beyond, no fix
   double fix_position_sigma_m = 0.5;   // beyond, only degraded
   double max_chi2_per_dof = 3.0;
@@ -64,8 +64,10 @@ struct PoseOutcome {
 // distribution's. Near 0 for a cluster or a line.
 [[nodiscard]] double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera);
 
-// `views` are matched in the frame `local`. Deterministic; never throws on data.
-[[nodiscard]] PoseOutcome EstimatePose(const std::vector<ViewMatches>& views, const FrameFeatures& frame,
+// `views` are matched in the frame `local`. `predictions` (cam_from_local, likeliest first) are tried where
+// the matches lead to no trusted pose; they pass the same gates. Deterministic; never throws on data.
+[[nodiscard]] PoseOutcome EstimatePose(const std::vector<ViewMatches>& views,
+                                       const std::vector<Rigid3>& predictions, const FrameFeatures& frame,
                                        const Camera& camera, const MapBundle& bundle, const LocalFrame& local,
                                        const PoseOptions& options);
 

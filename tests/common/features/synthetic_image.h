@@ -18,8 +18,11 @@ struct Blob {
 inline GrayImage BlobImage(int width_px, int height_px, const std::vector<Blob>& blobs) {
   std::vector<double> values(static_cast<std::size_t>(width_px * height_px), 110.0);
   for (const Blob& b : blobs) {
-    for (int y = 0; y < height_px; ++y) {
-      for (int x = 0; x < width_px; ++x) {
+    const double reach_px = 5 * b.sigma_px;  // beyond, less than a thousandth of a grey level
+    const auto from = [&](double c) { return std::max(0, static_cast<int>(c - reach_px)); };
+    const auto to = [&](double c, int size) { return std::min(size, static_cast<int>(c + reach_px) + 2); };
+    for (int y = from(b.y_px); y < to(b.y_px, height_px); ++y) {
+      for (int x = from(b.x_px); x < to(b.x_px, width_px); ++x) {
         const double r2 = std::pow(x - b.x_px, 2) + std::pow(y - b.y_px, 2);
         values[static_cast<std::size_t>(y * width_px + x)] +=
             b.amplitude * std::exp(-0.5 * r2 / (b.sigma_px * b.sigma_px));
