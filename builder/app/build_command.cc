@@ -9,14 +9,17 @@
 namespace panofix {
 namespace {
 
-// The published method's numbers, for ablation rows.
-void ApplyPaperPreset(BuildOptions* o) {
-  o->num_views = 8;
-  o->num_sift_words = 5000;
-  o->num_mser_words = 2000;
+// The published method's numbers, for ablation rows; an option that is given wins.
+void ApplyPaperPreset(const CLI::App& command, BuildOptions* o) {
+  const auto preset = [&](const char* option, int value, int* target) {
+    if (command.count(option) == 0) *target = value;
+  };
+  preset("--views", 8, &o->num_views);
+  preset("--sift-words", 5000, &o->num_sift_words);
+  preset("--mser-words", 2000, &o->num_mser_words);
+  preset("--dist-max", 48, &o->similarity.dist_max);
   o->extract.features.equalization = Equalization::kGlobal;
   o->extract.features.root_sift = false;
-  o->similarity.dist_max = 48;
 }
 
 }  // namespace
@@ -61,7 +64,7 @@ Command AddBuildCommand(CLI::App* app) {
   command->add_option("--seed", o->seed, "seed of the training; same inputs, same bytes")->capture_default_str();
   return [=] {
     if (*preset == "paper") {
-      ApplyPaperPreset(o.get());
+      ApplyPaperPreset(*command, o.get());
     } else if (*preset != "default") {
       throw Error(ErrorCode::kInvalidArgument, "--preset " + *preset + ": unknown; use default or paper");
     }

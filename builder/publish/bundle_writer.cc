@@ -15,11 +15,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// "out/" names the folder "out": staging must lie beside it, not in it.
+fs::path WithoutTrailingSlash(const fs::path& path) { return path.has_filename() ? path : path.parent_path(); }
+
 // A folder that is removed unless it was published.
 class Staging {
  public:
   explicit Staging(const fs::path& target)
-      : path_(target.string() + Format(".staging-%d", static_cast<int>(getpid()))) {
+      : path_(WithoutTrailingSlash(target).string() + Format(".staging-%d", static_cast<int>(getpid()))) {
     std::error_code error;
     fs::remove_all(path_, error);
     if (!fs::create_directories(path_ / "tiles", error)) {

@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cstring>
 #include <deque>
 #include <limits>
 #include <numeric>
@@ -82,6 +83,39 @@ Centroids Update(std::span<const std::uint8_t> descriptors, const Members& membe
 struct Cluster {
   Centroids centroid;
   Members members;
+  int num_distinct = 0;  // different descriptors among the members: no more words than these
+};
+
+// Numbers equal descriptors alike, to count the different ones of a cluster.
+class DistinctCounter {
+ public:
+  explicit DistinctCounter(std::span<const std::uint8_t> descriptors) : group_(descriptors.size() / kSize) {
+    Members order(group_.size());
+    std::iota(order.begin(), order.end(), 0U);
+    const auto compare = [&](std::uint32_t a, std::uint32_t b) {
+      return std::memcmp(&descriptors[a * kSize], &descriptors[b * kSize], kSize);
+    };
+    std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return compare(a, b) < 0; });
+    std::uint32_t group = 0;
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      if (i > 0 && compare(order[i - 1], order[i]) != 0) ++group;
+      group_[order[i]] = group;
+    }
+    last_call_.assign(group_.size(), 0);
+  }
+  int Count(const Members& members) {
+    ++call_;
+    int count = 0;
+    for (const std::uint32_t member : members) {
+      std::uint32_t& last = last_call_[group_[member]];
+      if (last != call_) last = call_, ++count;
+    }
+    return count;
+  }
+
+ private:
+  std::vector<std::uint32_t> group_, last_call_;
+  std::uint32_t call_ = 0;
 };
 
 // Splits members in at most k non-empty clusters.
@@ -104,7 +138,8 @@ std::vector<Cluster> Split(std::span<const std::uint8_t> descriptors, const Memb
   return clusters;
 }
 
-// Shares `words` among the clusters by size, at least one each, exactly (largest remainder).
+// Shares `words` among the clusters by size, at least one each, exactly (largest remainder). What a
+// cluster has no different descriptors for goes to the others, one at a time, the largest first.
 std::vector<int> ShareWords(const std::vector<Cluster>& clusters, int words) {
   std::int64_t total = 0;
   for (const Cluster& cluster : clusters) total += static_cast<std::int64_t>(cluster.members.size());
@@ -120,6 +155,21 @@ std::vector<int> ShareWords(const std::vector<Cluster>& clusters, int words) {
   }
   std::sort(remainder.begin(), remainder.end());
   for (int i = 0; i < spare - given; ++i) ++share[remainder[static_cast<std::size_t>(i)].second];
+  int left_over = 0;
+  std::vector<std::pair<std::int64_t, std::size_t>> by_size;
+  for (std::size_t c = 0; c < clusters.size(); ++c) {
+    const int excess = std::max(0, share[c] - clusters[c].num_distinct);
+    share[c] -= excess, left_over += excess;
+    by_size.emplace_back(-static_cast<std::int64_t>(clusters[c].members.size()), c);
+  }
+  std::sort(by_size.begin(), by_size.end());
+  for (bool given_any = true; left_over > 0 && given_any;) {
+    given_any = false;
+    for (const auto& [size, c] : by_size) {
+      if (left_over == 0 || share[c] >= clusters[c].num_distinct) continue;
+      ++share[c], --left_over, given_any = true;
+    }
+  }
   return share;
 }
 
@@ -155,6 +205,7 @@ VocabularyTree TrainTree(std::span<const std::uint8_t> descriptors, const TreeOp
   if (descriptors.empty()) return tree;
   Members all(descriptors.size() / kSize);
   std::iota(all.begin(), all.end(), 0U);
+  DistinctCounter distinct(descriptors);
   std::deque<Pending> pending;
   pending.push_back({AddNode(&tree, Centroids(kSize, 0)), std::move(all), options.num_words});
   while (!pending.empty()) {
@@ -171,6 +222,7 @@ VocabularyTree TrainTree(std::span<const std::uint8_t> descriptors, const TreeOp
       tree.word[job.node] = tree.num_words++;
       continue;
     }
+    for (Cluster& cluster : clusters) cluster.num_distinct = distinct.Count(cluster.members);
     const std::vector<int> share = ShareWords(clusters, job.words);
     tree.num_children[job.node] = static_cast<std::uint32_t>(clusters.size());
     for (std::size_t c = 0; c < clusters.size(); ++c) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "common/base/log.h"
 
@@ -53,21 +54,21 @@ std::int64_t WithDepth(const MapBundle& bundle) {
 }  // namespace
 
 double RouteLength_m(const MapBundle& bundle) {
-  double length_m = 0;
-  bool any_link = false;
   const auto& panoramas = bundle.panoramas();
+  std::set<std::pair<std::uint32_t, std::uint32_t>> links;
   for (std::uint32_t i = 0; i < panoramas.size(); ++i) {
-    for (const std::uint32_t j : panoramas[i].links) {
-      any_link = true;
-      if (i < j) length_m += Distance_m(panoramas[i], panoramas[j]);
-    }
+    for (const std::uint32_t j : panoramas[i].links) links.emplace(std::min(i, j), std::max(i, j));
   }
   constexpr double kNeighbour_m = 80;
-  return any_link ? length_m : TreeLength_m(panoramas, kNeighbour_m);
+  if (links.empty()) return TreeLength_m(panoramas, kNeighbour_m);
+  double length_m = 0;
+  for (const auto& [i, j] : links) length_m += Distance_m(panoramas[i], panoramas[j]);
+  return length_m;
 }
 
 std::uint64_t BundleBytes(const MapBundle& bundle) {
-  std::uint64_t bytes = ToJson(bundle.manifest()).size();
+  // The manifest and its hash: 64 digits, two spaces, its name, a line break.
+  std::uint64_t bytes = ToJson(bundle.manifest()).size() + 64 + 2 + std::string(kManifestName).size() + 1;
   for (const BundlePart& part : bundle.manifest().parts) bytes += part.num_bytes;
   return bytes;
 }

@@ -18,9 +18,11 @@ double Quantile(std::vector<double> values, double q) {
   return values[std::clamp<std::size_t>(rank, 1, values.size()) - 1];
 }
 
-double Median(const std::vector<double>& values) {
+// Mean of the two middle values where their number is even; 0 for nothing.
+double Median(std::vector<double> values) {
   if (values.empty()) return 0;
-  return 0.5 * (Quantile(values, 0.5) + Quantile(values, 0.5 + 1.0 / static_cast<double>(values.size()) * 0.5));
+  std::sort(values.begin(), values.end());
+  return 0.5 * (values[(values.size() - 1) / 2] + values[values.size() / 2]);
 }
 
 // Error in the truth's east-north-up, metres. The tangent plane of the map frame at the truth is

@@ -164,12 +164,7 @@ void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local, 
   pose.attitude = AttitudeFromEnu(pose.enu_from_cam.toRotationMatrix() * BodyFromCam().transpose());
   pose.covariance_in_map = outcome.covariance;
   result->pose = pose;
-  result->status = FixStatus::kFix;
-  const double sigma_m = std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace());
-  if (sigma_m > pose_options.fix_position_sigma_m) {
-    result->status = FixStatus::kDegraded;
-    result->reason = "pose_uncertain";
-  }
+  result->status = outcome.degraded ? FixStatus::kDegraded : FixStatus::kFix;
 }
 
 void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
@@ -203,6 +198,11 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
     result->best_panorama = bundle->panoramas()[bundle->views()[outcome.best_view].panorama_idx].id;
     last_views = outcome.views;
     if (last_views.size() > kWindowSeeds) last_views.resize(kWindowSeeds);
+    // A degraded pose opens the next window, but predicts nothing.
+    if (outcome.degraded) {
+      last_poses.clear();
+      return;
+    }
     last_poses.emplace_back(result->pose->map_from_cam, result->pose->position_in_map);
     if (last_poses.size() > 2) last_poses.erase(last_poses.begin());
     return;

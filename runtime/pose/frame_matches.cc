@@ -16,8 +16,8 @@ Eigen::Vector3d LocalFrame::FromMap(const Eigen::Vector3d& x_in_map) const {
 }
 
 Eigen::Vector3d LocalFrame::ToMap(const Eigen::Vector3d& x_in_local) const {
-  return origin_in_map +
-         Eigen::Vector3d(x_in_local.x() * point_scale, x_in_local.y() * point_scale, x_in_local.z());
+  return origin_in_map + Eigen::Vector3d(x_in_local.x() * point_scale, x_in_local.y() * point_scale,
+                                         x_in_local.z());
 }
 
 Rigid3 LocalFrame::LocalFromPano(const MapPanorama& panorama) const {
@@ -30,8 +30,8 @@ double KeypointSigma_px(float size_px) {
   return std::max(kFloor_px, kShareOfSize * static_cast<double>(size_px));
 }
 
-Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx, std::size_t feature_idx,
-                            const Rigid3& local_from_pano) {
+Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx,
+                            std::size_t feature_idx, const Rigid3& local_from_pano) {
   const ViewFeatures features = bundle.Features(view_idx);
   const Eigen::Vector3d point_in_pano = features.point(feature_idx);
   Correspondence c;
@@ -46,7 +46,8 @@ Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx, std
   const MapErrors& errors = bundle.manifest().errors;
   // Index 0 is no plane: a raster's points err each by itself.
   if (surface_idx > 0) c.surface_id = static_cast<int>(panorama_idx) * 256 + surface_idx;
-  c.surface_normal_in_map = local_from_pano.rotation * bundle.SurfaceNormal(panorama_idx, surface_idx);
+  c.surface_normal_in_map =
+      local_from_pano.rotation * bundle.SurfaceNormal(panorama_idx, surface_idx);
   c.surface_distance_sigma = errors.range_sigma_share;
   c.surface_normal_sigma_rad = errors.normal_sigma_deg * kRadPerDeg;
   c.panorama_idx = static_cast<int>(panorama_idx);
@@ -55,14 +56,18 @@ Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx, std
 }
 
 ViewMatches MatchView(const FrameFeatures& frame, const Camera& camera, const MapBundle& bundle,
-                      std::uint32_t view_idx, const LocalFrame& local, const MatchOptions& options) {
+                      std::uint32_t view_idx, const LocalFrame& local,
+                      const MatchOptions& options) {
   ViewMatches result;
   result.view_idx = view_idx;
   const ViewFeatures features = bundle.Features(view_idx);
-  const Rigid3 local_from_pano = local.LocalFromPano(bundle.panoramas()[bundle.views()[view_idx].panorama_idx]);
-  for (const FeatureMatch& m : MatchDescriptors(frame.sift.descriptors, features.descriptors, options)) {
+  const Rigid3 local_from_pano =
+      local.LocalFromPano(bundle.panoramas()[bundle.views()[view_idx].panorama_idx]);
+  for (const FeatureMatch& m :
+       MatchDescriptors(frame.sift.descriptors, features.descriptors, options)) {
     const auto q = static_cast<std::size_t>(m.query_idx);
-    Correspondence c = MakeLandmark(bundle, view_idx, static_cast<std::size_t>(m.database_idx), local_from_pano);
+    Correspondence c =
+        MakeLandmark(bundle, view_idx, static_cast<std::size_t>(m.database_idx), local_from_pano);
     c.bearing_in_cam = frame.bearings[q];
     c.keypoint_sigma = KeypointSigma_px(frame.sift.keypoints[q].size_px) / camera.fx_px;
     result.correspondences.push_back(c);

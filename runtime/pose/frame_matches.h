@@ -13,8 +13,8 @@
 
 namespace panofix {
 
-// A metric frame near the vehicle: x_in_map = origin + scale (x, y) and z unchanged, so that lengths in
-// it are true ground lengths whatever the grid's point scale.
+// A metric frame near the vehicle: x_in_map = origin + scale (x, y) and z unchanged, so that
+// lengths in it are true ground lengths whatever the grid's point scale.
 struct LocalFrame {
   Eigen::Vector3d origin_in_map = Eigen::Vector3d::Zero();
   double point_scale = 1;
@@ -45,8 +45,8 @@ struct ViewMatches {
   std::vector<int> keypoint_idx;  // of the frame, one a correspondence
 };
 
-[[nodiscard]] ViewMatches MatchView(const FrameFeatures& frame, const Camera& camera, const MapBundle& bundle,
-                                    std::uint32_t view_idx, const LocalFrame& local,
-                                    const MatchOptions& options);
+[[nodiscard]] ViewMatches MatchView(const FrameFeatures& frame, const Camera& camera,
+                                    const MapBundle& bundle, std::uint32_t view_idx,
+                                    const LocalFrame& local, const MatchOptions& options);
 
 }  // namespace panofix

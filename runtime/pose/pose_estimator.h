@@ -1,74 +1,22 @@
 #pragma once
-// The frame's pose from all its views' matches: per-view search, refinement, local bundle adjustment.
+// The frame's pose from all its views' matches: per-view search, guided search, refinement, local
+// bundle adjustment, gates.
 
-#include <Eigen/Core>
-#include <string>
 #include <vector>
 
-#include "common/estimate/pnp.h"
-#include "common/estimate/refine.h"
 #include "common/map/map_bundle.h"
 #include "runtime/pose/frame_matches.h"
-#include "runtime/pose/guided_matching.h"
+#include "runtime/pose/pose_options.h"
 
 namespace panofix {
 
-struct PoseOptions {
-  RansacOptions ransac;   // a view's search; the focal length and seed are set by the caller
-  RefineOptions refine;
-  BundleOptions bundle;
-  bool use_guided = true;  // search landmarks around the first pose; needs RootSIFT
-  GuidedOptions guided;
-  int min_view_inliers = 8;      // consensus that makes a view's pose a hypothesis
-  int min_inliers = 16;          // distinct keypoints that agree with the final pose
-  double min_spread = 0.05;      // of the inliers over the image: 1 = uniform (see ImageSpread)
-  double min_lead = 1.5;         // inliers over those of the best pose elsewhere: look-alikes end here
-  double elsewhere_m = 4.0;      // what counts as elsewhere
-  int guided_rounds = 3;         // searches, each from the pose of the last, in windows half as wide
-  // A pose whose support is not this far over chance is compared with poses beside it first.
-  double sure_over_chance = 8.0;
-  double climb_step_m = 0.7;     // step of that comparison, halved as it ends
-  int max_climbs = 6;
-  int max_candidates = 4;        // distinct hypotheses that guided matching is tried on
-  int sure_inliers = 80;         // a hypothesis with more needs no rival tried
-  // With guided matching: landmarks found beyond chance over landmarks visible, and found over chance.
-  double min_support = 0.03;
-  double min_over_chance = 4.0;
-  double max_position_sigma_m = 1.0;   // beyond, no fix
-  double fix_position_sigma_m = 0.5;   // beyond, only degraded
-  double max_chi2_per_dof = 3.0;
-  double max_height_off_m = 2.5;  // camera's height against the nearest panorama's
-  double max_tilt_deg = 25;       // pitch or roll of a camera on a vehicle
-  double max_distance_m = 40;     // from the nearest panorama
-  // throws std::invalid_argument
-  void Check() const;
-};
-
-struct PoseOutcome {
-  bool found = false;
-  bool trusted = false;      // passes every gate; else `reason` says which failed
-  std::string reason;        // snake_case word
-  Rigid3 cam_from_local;
-  Matrix6d covariance;       // of the camera's pose in the local frame
-  int num_inliers = 0;       // distinct keypoints
-  double support = 0;        // share of visible landmarks found beyond chance; 0 without guided matching
-  double over_chance = 0;    // landmarks found over those found in decoy windows
-  double spread = 0;         // ImageSpread of the inliers
-  double chi2_per_dof = 0;
-  int num_elsewhere = 0;     // inliers of the best pose elsewhere
-  std::vector<std::uint32_t> views;  // views with inliers, most first
-  std::uint32_t best_view = 0;
-};
-
-// Spread of pixels over the image: root of the determinant of their covariance, as a share of a uniform
-// distribution's. Near 0 for a cluster or a line.
-[[nodiscard]] double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera);
-
-// `views` are matched in the frame `local`. `predictions` (cam_from_local, likeliest first) are tried where
-// the matches lead to no trusted pose; they pass the same gates. Deterministic; never throws on data.
+// `views` are matched in the frame `local`. `predictions` (cam_from_local, likeliest first) are
+// tried where the matches lead to no trusted pose; they pass the same gates. Deterministic; never
+// throws on data.
 [[nodiscard]] PoseOutcome EstimatePose(const std::vector<ViewMatches>& views,
-                                       const std::vector<Rigid3>& predictions, const FrameFeatures& frame,
-                                       const Camera& camera, const MapBundle& bundle, const LocalFrame& local,
+                                       const std::vector<Rigid3>& predictions,
+                                       const FrameFeatures& frame, const Camera& camera,
+                                       const MapBundle& bundle, const LocalFrame& local,
                                        const PoseOptions& options);
 
 }  // namespace panofix

@@ -37,9 +37,8 @@ class BadDataSet : public testing::Test {
   // A part of the report of the last build: reasons by id.
   [[nodiscard]] std::map<std::string, std::string> Reported(const std::string& part) const {
     std::map<std::string, std::string> reasons;
-    for (const Json& entry : ReadJson(out().string() + ".report.json")[part]) {
-      reasons[entry["id"]] = entry["reason"];
-    }
+    const Json report = ReadJson(out().string() + ".report.json");
+    for (const Json& entry : report[part]) reasons[entry["id"]] = entry["reason"];
     return reasons;
   }
   [[nodiscard]] Json Counts() const { return ReadJson(out() / "manifest.json")["counts"]; }
@@ -132,9 +131,9 @@ TEST_F(BadDataSet, NumbersThatAreNotFiniteAreSetAside) {
 
 TEST_F(BadDataSet, MoreThanHalfBadFailsTheBuild) {
   for (const std::size_t i : {0U, 2U, 4U}) properties(i)["image"] = "panoramas/nowhere.jpg";
-  ExpectRefused(Build(), kBadData,
-                {TestName() + ".geojson", "3 of 5", "pano-00000", "nowhere.jpg",
-                 "--max-set-aside-share"});
+  ExpectRefused(
+      Build(), kBadData,
+      {TestName() + ".geojson", "3 of 5", "pano-00000", "nowhere.jpg", "--max-set-aside-share"});
   EXPECT_FALSE(fs::exists(out()));
 }
 
@@ -155,9 +154,8 @@ TEST_F(BadDataSet, DepthThatCannotBeUsedLeavesThePanorama) {
       write("flat.gsv", GsvPayload(200, 150, three, std::vector<std::uint8_t>(200 * 150, 1)));
   properties(1)["depth"] = "panoramas/nowhere.gsv";
   properties(2)["depth"] = nullptr;
-  properties(3)["depth"] =
-      write("stub.gsv", GsvPayload(512, 256, {{}, {0, 0, -1, 2.5F}},
-                                   std::vector<std::uint8_t>(512 * 256, 1)));
+  properties(3)["depth"] = write("stub.gsv", GsvPayload(512, 256, {{}, {0, 0, -1, 2.5F}},
+                                                        std::vector<std::uint8_t>(512 * 256, 1)));
   // Smaller than usual but in order: every size that is 2:1 serves.
   properties(4)["depth"] =
       write("small.gsv", GsvPayload(256, 128, three, std::vector<std::uint8_t>(256 * 128, 1)));
@@ -196,8 +194,8 @@ TEST_F(BadDataSet, CamerasAreChecked) {
   const auto build = [&](const std::string& from, const std::string& to) {
     fs::copy_file(data_.camera(), camera, fs::copy_options::overwrite_existing);
     ReplaceInFile(camera, from, to);
-    return Builder({"build", "--panoramas", data_.panoramas().string(), "--camera",
-                    camera.string(), "--out", out().string()});
+    return Builder({"build", "--panoramas", data_.panoramas().string(), "--camera", camera.string(),
+                    "--out", out().string()});
   };
   const std::string mend = "camera_info";
   ExpectRefused(build("image_width", "width"), kBadData,

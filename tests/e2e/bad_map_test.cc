@@ -26,9 +26,8 @@ class BadBundle : public testing::Test {
   }
   [[nodiscard]] std::vector<std::string> Parts() const {
     std::vector<std::string> parts;
-    for (const Json& part : ReadJson(bundle_ / "manifest.json")["parts"]) {
-      parts.push_back(part["path"]);
-    }
+    const Json manifest = ReadJson(bundle_ / "manifest.json");
+    for (const Json& part : manifest["parts"]) parts.push_back(part["path"]);
     return parts;
   }
   // Stamps the manifest as it now stands with its hash.
@@ -149,9 +148,8 @@ TEST_F(BadDrive, FilesThatBreakTheirRulesAreRefused) {
 
 TEST_F(BadDrive, AScoreWantsTheTruth) {
   fs::remove(drive_ / "truth.csv");
-  ExpectRefused(
-      Builder({"validate", SharedData().bundle.string(), "--drive", drive_.string()}), kNotFound,
-      {"truth.csv", "a score needs the truth"});
+  ExpectRefused(Builder({"validate", SharedData().bundle.string(), "--drive", drive_.string()}),
+                kNotFound, {"truth.csv", "a score needs the truth"});
 }
 
 }  // namespace

@@ -16,8 +16,8 @@ TownData::TownData(const std::vector<std::string>& options) {
 Outcome TownData::Build(const fs::path& panoramas, const fs::path& out,
                         const std::vector<std::string>& options) const {
   std::vector<std::string> arguments{
-      "build",          "--panoramas", panoramas.string(), "--camera", camera().string(),
-      "--out",          out.string(),  "--sift-words",     "500",      "--mser-words",
+      "build", "--panoramas", panoramas.string(), "--camera", camera().string(),
+      "--out", out.string(),  "--sift-words",     "500",      "--mser-words",
       "200"};
   const bool has_work = std::find(options.begin(), options.end(), "--work") != options.end();
   if (!has_work) arguments.insert(arguments.end(), {"--work", (root() / "work").string()});
@@ -27,15 +27,28 @@ Outcome TownData::Build(const fs::path& panoramas, const fs::path& out,
 
 Outcome TownData::Localize(const fs::path& bundle, const fs::path& drive, const fs::path& out,
                            const std::vector<std::string>& options) const {
-  std::vector<std::string> arguments{"localize", "--bundle", bundle.string(), "--drive",
-                                     drive.string(), "--out", out.string()};
+  std::vector<std::string> arguments{"localize",     "--bundle", bundle.string(), "--drive",
+                                     drive.string(), "--out",    out.string()};
   arguments.insert(arguments.end(), options.begin(), options.end());
   return Runtime(arguments);
 }
 
 std::vector<std::string> EasyTown() {
-  return {"--seed", "4", "--panoramas", "4", "--spacing-m", "8", "--pano-width-px", "1600",
-          "--frames", "4", "--frame-width-px", "400", "--frame-height-px", "300", "--same-light"};
+  return {"--seed",
+          "4",
+          "--panoramas",
+          "4",
+          "--spacing-m",
+          "8",
+          "--pano-width-px",
+          "1600",
+          "--frames",
+          "4",
+          "--frame-width-px",
+          "400",
+          "--frame-height-px",
+          "300",
+          "--same-light"};
 }
 
 Json ReadJson(const fs::path& path) {

@@ -49,7 +49,7 @@ class TownData {
                                                  const Json& collection);
 // A copy of a folder that a test may damage.
 std::filesystem::path CopyFolder(const std::filesystem::path& from,
-                                               const std::filesystem::path& to);
+                                 const std::filesystem::path& to);
 // Flips the lowest bit of the byte in the middle.
 void FlipMiddleByte(const std::filesystem::path& path);
 // Replaces the first `from` in a text file; fails the test where there is none.

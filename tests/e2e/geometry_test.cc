@@ -98,9 +98,8 @@ TEST_F(Geometry, DepthOfAViewIsThePlanesOwn) {
         for (int x = 2; x < kFrameWidth_px; x += 5) {
           const Eigen::Vector2d n = camera.Normalize({x, y});
           const Vector3d ray_in_cam = Vector3d(n.x(), n.y(), 1).normalized();
-          const auto range_m =
-              town_->PlaneRange(town_from_pano.translation,
-                                town_from_pano.rotation * (pano_from_cam * ray_in_cam));
+          const auto range_m = town_->PlaneRange(
+              town_from_pano.translation, town_from_pano.rotation * (pano_from_cam * ray_in_cam));
           const auto cut = double{z_m[static_cast<std::size_t>(y * kFrameWidth_px + x)]};
           ++num_pixels;
           if (range_m.has_value() != (cut > 0)) {
@@ -115,7 +114,8 @@ TEST_F(Geometry, DepthOfAViewIsThePlanesOwn) {
   ASSERT_GT(errors.size(), 10'000U);
   std::sort(errors.begin(), errors.end());
   EXPECT_LT(errors[errors.size() / 2], kMedianDepthError);
-  const auto num_exact = std::lower_bound(errors.begin(), errors.end(), kExactError) - errors.begin();
+  const auto num_exact =
+      std::lower_bound(errors.begin(), errors.end(), kExactError) - errors.begin();
   EXPECT_GT(static_cast<double>(num_exact), kExactShare * static_cast<double>(errors.size()));
   EXPECT_LT(num_sky_disagrees, (1 - kExactShare) * num_pixels);
 }

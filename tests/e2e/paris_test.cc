@@ -26,9 +26,9 @@ TEST(Paris, MappedFramesAreFixedAndNoFixIsFalse) {
   const TempFolder folder;
   const fs::path map = folder / "map", poses = folder / "poses.csv", json = folder / "score.json";
   constexpr double kPatience_s = 500;
-  Process builder(BuilderCommand({"build", "--panoramas", (data / "panoramas.geojson").string(),
-                                  "--camera", (drive_folder / "camera.yaml").string(), "--out",
-                                  map.string()}));
+  Process builder(
+      BuilderCommand({"build", "--panoramas", (data / "panoramas.geojson").string(), "--camera",
+                      (drive_folder / "camera.yaml").string(), "--out", map.string()}));
   ASSERT_EQ(builder.Wait(kPatience_s), 0) << builder.Errors();
   const Json report = ReadJson(map.string() + ".report.json");
   EXPECT_EQ(report["set_aside"].size(), 0U);

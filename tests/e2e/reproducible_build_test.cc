@@ -1,4 +1,5 @@
-// Same inputs, same bytes: threads, input order, form of the input and interruptions change nothing.
+// Same inputs, same bytes: threads, input order, form of the input and interruptions change
+// nothing.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -61,11 +62,10 @@ class ReproducibleBuild : public testing::Test {
   }
   // Starts a build and interrupts it once a panorama is done; false where it was done before.
   static bool Interrupt(const std::string& name) {
-    Process build(BuilderCommand({"build", "--panoramas", data_->panoramas().string(), "--camera",
-                                  data_->camera().string(), "--out",
-                                  (data_->root() / name).string(), "--name", "town", "--work",
-                                  Work(name).string(), "--sift-words", "500", "--mser-words", "200",
-                                  "--threads", "1"}));
+    Process build(BuilderCommand(
+        {"build", "--panoramas", data_->panoramas().string(), "--camera", data_->camera().string(),
+         "--out", (data_->root() / name).string(), "--name", "town", "--work", Work(name).string(),
+         "--sift-words", "500", "--mser-words", "200", "--threads", "1"}));
     while (NumFiles(Work(name) / "features") == 0 && build.Running()) {
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
@@ -133,9 +133,8 @@ TEST_F(ReproducibleBuild, ADamagedWorkFileIsMadeAgain) {
 
 TEST_F(ReproducibleBuild, ATrailingSlashNamesTheSameFolder) {
   CopyFolder(Work("reference"), Work("slash"));
-  const Outcome outcome =
-      data_->Build(data_->panoramas(), (data_->root() / "slash").string() + "/",
-                   {"--name", "town", "--work", Work("slash").string()});
+  const Outcome outcome = data_->Build(data_->panoramas(), (data_->root() / "slash").string() + "/",
+                                       {"--name", "town", "--work", Work("slash").string()});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.errors;
   ExpectReference(ReadTree(data_->root() / "slash"));
 }

@@ -43,8 +43,8 @@ class Listener {
     sockaddr_in address = Loopback(0);
     socklen_t size = sizeof(address);
     auto* any = reinterpret_cast<sockaddr*>(&address);
-    const bool ok = ::bind(fd_, any, size) == 0 && ::listen(fd_, 1) == 0 &&
-                    ::getsockname(fd_, any, &size) == 0;
+    const bool ok =
+        ::bind(fd_, any, size) == 0 && ::listen(fd_, 1) == 0 && ::getsockname(fd_, any, &size) == 0;
     EXPECT_TRUE(ok) << "no free port";
     port_ = ntohs(address.sin_port);
   }
@@ -72,8 +72,7 @@ bool IsOpen(std::uint16_t port) {
 
 template <typename Condition>
 bool Eventually(Condition condition) {
-  const auto end =
-      std::chrono::steady_clock::now() + std::chrono::duration<double>(kPatience_s);
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(kPatience_s);
   while (std::chrono::steady_clock::now() < end) {
     if (condition()) return true;
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -215,9 +214,9 @@ TEST_F(Sockets, AnEndpointThatCannotBeHadIsNamed) {
       Runtime({"play", "--drive", data_->drive().string(), "--bind", "udp:/nowhere"});
   EXPECT_EQ(play.exit_code, 64);
   EXPECT_THAT(play.errors, HasSubstr("udp:/nowhere"));
-  const Outcome record = Runtime({"record", "--poses", Tcp(poses_port_), "--out",
-                                  (data_->root() / "none.csv").string(), "--idle-timeout-s",
-                                  "0.3"});
+  const Outcome record =
+      Runtime({"record", "--poses", Tcp(poses_port_), "--out",
+               (data_->root() / "none.csv").string(), "--idle-timeout-s", "0.3"});
   EXPECT_EQ(record.exit_code, 66);
   EXPECT_THAT(record.errors, HasSubstr(Tcp(poses_port_)));
   EXPECT_FALSE(fs::exists(data_->root() / "none.csv"));

@@ -17,7 +17,8 @@ inline constexpr int kDepthWidth = 512, kDepthHeight = 256;
 inline Eigen::Vector3d DepthRay(int column, int row) {
   const double azimuth = ((column + 0.5) / kDepthWidth - 0.5) * 2 * M_PI;
   const double elevation = (0.5 - (row + 0.5) / kDepthHeight) * M_PI;
-  return {std::cos(elevation) * std::sin(azimuth), std::cos(elevation) * std::cos(azimuth), std::sin(elevation)};
+  return {std::cos(elevation) * std::sin(azimuth), std::cos(elevation) * std::cos(azimuth),
+          std::sin(elevation)};
 }
 
 // .gsv text of planes 1.. chosen by `plane_of` for each pixel's ray; 0 is no surface.
@@ -34,8 +35,8 @@ inline std::string GsvText(const std::vector<TestPlane>& planes,
   return Base64(ZlibCompressed(GsvPayload(kDepthWidth, kDepthHeight, all, plane_idx)));
 }
 
-// A room: walls 6 m right and 7 m left, 9 m ahead, 11 m behind, the ground 2.5 m down, open sky above
-// the walls' 4 m.
+// A room: walls 6 m right and 7 m left, 9 m ahead, 11 m behind, the ground 2.5 m down, open sky
+// above the walls' 4 m.
 struct Room {
   static std::vector<TestPlane> Planes() {
     return {{1, 0, 0, 6}, {-1, 0, 0, 7}, {0, 1, 0, 9}, {0, -1, 0, 11}, {0, 0, -1, 2.5}};
@@ -46,7 +47,8 @@ struct Room {
     *range_m = 1e9;
     const std::vector<TestPlane> planes = Planes();
     for (std::size_t i = 0; i < planes.size(); ++i) {
-      const double cosine = ray.dot(Eigen::Vector3d(double{planes[i].nx}, double{planes[i].ny}, double{planes[i].nz}));
+      const double cosine = ray.dot(
+          Eigen::Vector3d(double{planes[i].nx}, double{planes[i].ny}, double{planes[i].nz}));
       const double range = double{planes[i].d_m} / cosine;
       if (cosine > 1e-9 && range < *range_m) *range_m = range, best = static_cast<int>(i) + 1;
     }

@@ -14,7 +14,8 @@ namespace {
 namespace fs = std::filesystem;
 
 void WritePng(const fs::path& path, const GrayImage& image) {
-  const cv::Mat view(image.height_px, image.width_px, CV_8UC1, const_cast<std::uint8_t*>(image.pixels.data()));
+  const cv::Mat view(image.height_px, image.width_px, CV_8UC1,
+                     const_cast<std::uint8_t*>(image.pixels.data()));
   ASSERT_TRUE(cv::imwrite(path.string(), view));
 }
 
@@ -32,7 +33,9 @@ class ExtractPanoramaTest : public testing::Test {
     options_.features.max_sift = 300;
     options_.features.max_mser = 50;
   }
-  [[nodiscard]] Result<PanoramaFeatures> Extract() const { return ExtractPanorama(record_, rectifier_, options_); }
+  [[nodiscard]] Result<PanoramaFeatures> Extract() const {
+    return ExtractPanorama(record_, rectifier_, options_);
+  }
   TempFolder folder_;
   PanoramaRecord record_;
   Rectifier rectifier_;
@@ -64,8 +67,10 @@ TEST_F(ExtractPanoramaTest, PointsLieOnTheRoomAlongTheirKeypointsRays) {
       ASSERT_TRUE(px);
       EXPECT_NEAR(px->x(), double{view.sift.keypoints[i].x_px}, 1e-3);
       EXPECT_NEAR(px->y(), double{view.sift.keypoints[i].y_px}, 1e-3);
-      const TestPlane p = Room::Planes().at(static_cast<std::size_t>(view.points[i].surface_idx - 1));
-      EXPECT_NEAR(double{p.nx} * point.x() + double{p.ny} * point.y() + double{p.nz} * point.z(), double{p.d_m}, 1e-4);
+      const TestPlane p =
+          Room::Planes().at(static_cast<std::size_t>(view.points[i].surface_idx - 1));
+      EXPECT_NEAR(double{p.nx} * point.x() + double{p.ny} * point.y() + double{p.nz} * point.z(),
+                  double{p.d_m}, 1e-4);
     }
   }
   EXPECT_GT(num_points, 100);

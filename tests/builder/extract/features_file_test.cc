@@ -93,7 +93,8 @@ TEST(FeaturesFile, WhatCannotBeReadIsSaidNotThrown) {
   WriteText(folder / "text.h5", "no HDF5");
   EXPECT_FALSE(ReadPanoramaFeatures(folder / "text.h5").ok());
   WritePanoramaFeatures(folder / "cut.h5", Sample());
-  std::filesystem::resize_file(folder / "cut.h5", std::filesystem::file_size(folder / "cut.h5") / 2);
+  std::filesystem::resize_file(folder / "cut.h5",
+                               std::filesystem::file_size(folder / "cut.h5") / 2);
   EXPECT_FALSE(ReadPanoramaFeatures(folder / "cut.h5").ok());
 }
 
@@ -106,7 +107,8 @@ void WriteUneven(const std::filesystem::path& path, std::size_t descriptors, std
   file.WriteAttribute("num_views", views);
   file.Write<float>("planes", std::vector<float>(4), 4);
   file.Write<float>("view000/sift/keypoints", std::vector<float>(10), 5);
-  file.Write<std::uint8_t>("view000/sift/descriptors", std::vector<std::uint8_t>(128 * descriptors), 128);
+  file.Write<std::uint8_t>("view000/sift/descriptors", std::vector<std::uint8_t>(128 * descriptors),
+                           128);
   file.Write<float>("view000/mser/keypoints", std::vector<float>(), 5);
   file.Write<std::uint8_t>("view000/mser/descriptors", std::vector<std::uint8_t>(), 128);
   file.Write<float>("view000/points", std::vector<float>(4 * points), 4);

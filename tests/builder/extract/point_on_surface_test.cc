@@ -60,11 +60,13 @@ TEST(PointOnSurface, IsTheClosedFormInARoom) {
       continue;
     }
     const TestPlane p = Room::Planes()[static_cast<std::size_t>(plane - 1)];
-    const double cosine = std::abs(ray.dot(Eigen::Vector3d(double{p.nx}, double{p.ny}, double{p.nz})));
+    const double cosine =
+        std::abs(ray.dot(Eigen::Vector3d(double{p.nx}, double{p.ny}, double{p.nz})));
     ASSERT_TRUE(point) << ray.transpose();
     ++num_points;
     EXPECT_LE((point->point_in_pano.cast<double>() - range_m * ray).norm(), kFloat);
-    EXPECT_NEAR(double{point->range_sigma_m}, ClosedFormSigma(range_m, cosine, options.errors), kFloat);
+    EXPECT_NEAR(double{point->range_sigma_m}, ClosedFormSigma(range_m, cosine, options.errors),
+                kFloat);
     EXPECT_EQ(point->surface_idx, plane);
   }
   EXPECT_GT(num_points, 1000);
@@ -84,7 +86,7 @@ TEST(PointOnSurface, EachErrorTermStandsAlone) {
   MapErrors share = none, normal = none, relief = none;
   share.range_sigma_share = 0.1, normal.normal_sigma_deg = 1, relief.relief_sigma_m = 0.5;
   const Eigen::Vector3d straight = Ray(90, 0), slanted = Ray(60, 0);  // the wall 6 m to the right
-  EXPECT_NEAR(sigma(none, straight), 1e-3, kFloat);  // never exactly certain
+  EXPECT_NEAR(sigma(none, straight), 1e-3, kFloat);                   // never exactly certain
   EXPECT_NEAR(sigma(share, straight), 0.6, kFloat);
   EXPECT_NEAR(sigma(normal, straight), 1e-3, kFloat);
   EXPECT_NEAR(sigma(relief, straight), 0.5, kFloat);
@@ -97,8 +99,9 @@ TEST(PointOnSurface, EachErrorTermStandsAlone) {
 // A near wall covers the left half of the view of a far one: within a depth pixel of its edge a
 // keypoint may be on either.
 TEST(PointOnSurface, ADepthEdgeMakesTheRangeUncertain) {
-  const DepthMap depth = Decode(GsvText({{0, 1, 0, 4}, {0, 1, 0, 20}, {0, 0, -1, 2.5}},
-                                        [](const Eigen::Vector3d& ray) { return ray.x() < 0 ? 1 : 2; }));
+  const DepthMap depth =
+      Decode(GsvText({{0, 1, 0, 4}, {0, 1, 0, 20}, {0, 0, -1, 2.5}},
+                     [](const Eigen::Vector3d& ray) { return ray.x() < 0 ? 1 : 2; }));
   const ExtractOptions options;
   const auto sigma = [&](double azimuth_deg) {
     return double{PointOnSurface(depth, Ray(azimuth_deg, 0), options).value().range_sigma_m};
@@ -112,8 +115,9 @@ TEST(PointOnSurface, ADepthEdgeMakesTheRangeUncertain) {
 }
 
 TEST(PointOnSurface, TheSkyBesideARoofIsNoRivalSurface) {
-  const DepthMap depth = Decode(GsvText({{0, 1, 0, 10}, {0, 0, -1, 2.5}},
-                                        [](const Eigen::Vector3d& ray) { return ray.x() < 0 ? 1 : 0; }));
+  const DepthMap depth =
+      Decode(GsvText({{0, 1, 0, 10}, {0, 0, -1, 2.5}},
+                     [](const Eigen::Vector3d& ray) { return ray.x() < 0 ? 1 : 0; }));
   const ExtractOptions options;
   const auto at_edge = PointOnSurface(depth, Ray(-0.2, 0), options);
   ASSERT_TRUE(at_edge);

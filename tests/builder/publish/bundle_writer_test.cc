@@ -44,7 +44,8 @@ BundleContent Content() {
     for (std::uint32_t v = 0; v < 2; ++v) {
       content.similarity.views.push_back((2 * p + v + 1) % 10);
       content.similarity.similarity.push_back(0.5F);
-      content.similarity.offsets.push_back(static_cast<std::uint32_t>(content.similarity.views.size()));
+      content.similarity.offsets.push_back(
+          static_cast<std::uint32_t>(content.similarity.views.size()));
     }
   }
   return content;
@@ -73,7 +74,8 @@ BundlePanorama FeaturesOf(std::size_t p) {
 std::map<std::string, std::string> FilesOf(const fs::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (entry.is_regular_file()) files[fs::relative(entry.path(), folder).string()] = ReadText(entry.path());
+    if (entry.is_regular_file())
+      files[fs::relative(entry.path(), folder).string()] = ReadText(entry.path());
   }
   return files;
 }
@@ -111,11 +113,14 @@ TEST(WriteBundle, OpensAsItWasWritten) {
       const std::size_t view = 2 * p + v;
       const ViewFeatures features = bundle.Features(view);
       const BundleView& w = written.views[v];
-      EXPECT_TRUE(std::equal(features.keypoints.begin(), features.keypoints.end(), w.keypoints.begin(), w.keypoints.end()));
-      EXPECT_TRUE(std::equal(features.points_in_pano.begin(), features.points_in_pano.end(), w.points.begin(), w.points.end()));
-      EXPECT_TRUE(std::equal(features.surfaces.begin(), features.surfaces.end(), w.surfaces.begin(), w.surfaces.end()));
-      EXPECT_TRUE(std::equal(features.descriptors.begin(), features.descriptors.end(), w.descriptors.begin(),
-                             w.descriptors.end()));
+      EXPECT_TRUE(std::equal(features.keypoints.begin(), features.keypoints.end(),
+                             w.keypoints.begin(), w.keypoints.end()));
+      EXPECT_TRUE(std::equal(features.points_in_pano.begin(), features.points_in_pano.end(),
+                             w.points.begin(), w.points.end()));
+      EXPECT_TRUE(std::equal(features.surfaces.begin(), features.surfaces.end(), w.surfaces.begin(),
+                             w.surfaces.end()));
+      EXPECT_TRUE(std::equal(features.descriptors.begin(), features.descriptors.end(),
+                             w.descriptors.begin(), w.descriptors.end()));
       ASSERT_EQ(bundle.bags()[view].size(), 2U);
       EXPECT_EQ(bundle.bags()[view][0].word, p);
       EXPECT_EQ(bundle.views()[view].yaw_deg, content.directions[v].yaw_deg);
@@ -234,10 +239,12 @@ TEST(WriteBundle, FlippedTruncatedAndMissingPartsDoNotOpen) {
       const std::size_t at = rng.Below(bad.size());
       bad[at] = static_cast<char>(bad[at] ^ (1 << rng.Below(8)));
       WriteText(path, bad);
-      EXPECT_EQ(MapBundle::Open(folder / "b").status().code(), ErrorCode::kChecksumMismatch) << part.path << " " << at;
+      EXPECT_EQ(MapBundle::Open(folder / "b").status().code(), ErrorCode::kChecksumMismatch)
+          << part.path << " " << at;
     }
     WriteText(path, good.substr(0, good.size() - 1));
-    EXPECT_EQ(MapBundle::Open(folder / "b").status().code(), ErrorCode::kChecksumMismatch) << part.path;
+    EXPECT_EQ(MapBundle::Open(folder / "b").status().code(), ErrorCode::kChecksumMismatch)
+        << part.path;
     fs::remove(path);
     EXPECT_EQ(MapBundle::Open(folder / "b").status().code(), ErrorCode::kNotFound) << part.path;
     WriteText(path, good);

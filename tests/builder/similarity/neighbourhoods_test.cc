@@ -19,7 +19,8 @@ constexpr int kViews = 8;
 // Panoramas in a row, each linked to the next.
 Lists Chain(std::uint32_t count) {
   Lists links(count);
-  for (std::uint32_t i = 0; i + 1 < count; ++i) links[i].push_back(i + 1), links[i + 1].push_back(i);
+  for (std::uint32_t i = 0; i + 1 < count; ++i)
+    links[i].push_back(i + 1), links[i + 1].push_back(i);
   return links;
 }
 
@@ -29,7 +30,9 @@ Positions Row(std::uint32_t count, double step_m) {
   return positions;
 }
 
-SimilarityOptions Options(int dist_max, double dist_max_m = 80) { return {32, dist_max, dist_max_m}; }
+SimilarityOptions Options(int dist_max, double dist_max_m = 80) {
+  return {32, dist_max, dist_max_m};
+}
 
 TEST(AppearanceNeighbourhoods, IndexStepsAreHopsTimesViews) {
   // 48 steps of 8 views a panorama: 6 hops each way (the paper's 6 to 8 panoramas).
@@ -56,7 +59,8 @@ TEST(AppearanceNeighbourhoods, HopsAreThoseOfTheShortestWay) {
   Lists links = Chain(kCount);
   std::vector<std::vector<int>> hops(kCount, std::vector<int>(kCount, 1000));
   for (int extra = 0; extra < 12; ++extra) {
-    const auto a = static_cast<std::uint32_t>(rng.Below(kCount)), b = static_cast<std::uint32_t>(rng.Below(kCount));
+    const auto a = static_cast<std::uint32_t>(rng.Below(kCount)),
+               b = static_cast<std::uint32_t>(rng.Below(kCount));
     links[a].push_back(b), links[b].push_back(a);
   }
   for (std::uint32_t i = 0; i < kCount; ++i) {
@@ -65,7 +69,8 @@ TEST(AppearanceNeighbourhoods, HopsAreThoseOfTheShortestWay) {
   }
   for (std::uint32_t k = 0; k < kCount; ++k) {
     for (std::uint32_t i = 0; i < kCount; ++i) {
-      for (std::uint32_t j = 0; j < kCount; ++j) hops[i][j] = std::min(hops[i][j], hops[i][k] + hops[k][j]);
+      for (std::uint32_t j = 0; j < kCount; ++j)
+        hops[i][j] = std::min(hops[i][j], hops[i][k] + hops[k][j]);
     }
   }
   const Lists found = AppearanceNeighbourhoods(links, Row(kCount, 11), kViews, Options(24));

@@ -57,7 +57,8 @@ TEST(BuildSimilarityIndex, AgreesWithBruteForce) {
       std::vector<std::uint32_t> expected;
       for (std::uint32_t u = 0; u < world.bags.size(); ++u) {
         const auto& near = world.neighbourhoods[world.panorama_of_view[v]];
-        if (u != v && std::count(near.begin(), near.end(), world.panorama_of_view[u]) > 0) expected.push_back(u);
+        if (u != v && std::count(near.begin(), near.end(), world.panorama_of_view[u]) > 0)
+          expected.push_back(u);
       }
       std::stable_sort(expected.begin(), expected.end(), [&](std::uint32_t a, std::uint32_t b) {
         return Similarity(world.bags[v], world.bags[a]) > Similarity(world.bags[v], world.bags[b]);

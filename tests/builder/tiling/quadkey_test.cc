@@ -20,7 +20,8 @@ Geodetic InTile(int x, int y, int level, double u = 0.5, double v = 0.5) {
 // The published definition: bits of y and x interleaved, read in base 4.
 std::string Interleaved(int x, int y, int level) {
   std::string key;
-  for (int bit = level; bit-- > 0;) key += static_cast<char>('0' + 2 * (y >> bit & 1) + (x >> bit & 1));
+  for (int bit = level; bit-- > 0;)
+    key += static_cast<char>('0' + 2 * (y >> bit & 1) + (x >> bit & 1));
   return key;
 }
 
@@ -41,7 +42,8 @@ TEST(Quadkey, AgreesWithTheDefinitionAllOverTheWorld) {
 TEST(Quadkey, AChildStartsWithItsParent) {
   const Geodetic paris{48.85, 2.335, 0};
   for (int level = 2; level <= 20; ++level) {
-    EXPECT_EQ(Quadkey(paris, level).substr(0, static_cast<std::size_t>(level - 1)), Quadkey(paris, level - 1));
+    EXPECT_EQ(Quadkey(paris, level).substr(0, static_cast<std::size_t>(level - 1)),
+              Quadkey(paris, level - 1));
   }
 }
 

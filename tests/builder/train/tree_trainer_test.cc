@@ -24,12 +24,14 @@ TreeOptions Options(int num_words, int branching = 10) {
 }
 
 std::uint32_t NumLeaves(const VocabularyTree& tree) {
-  return static_cast<std::uint32_t>(std::count(tree.num_children.begin(), tree.num_children.end(), 0U));
+  return static_cast<std::uint32_t>(
+      std::count(tree.num_children.begin(), tree.num_children.end(), 0U));
 }
 
 std::set<std::uint32_t> WordsOf(const VocabularyTree& tree, const Bytes& descriptors) {
   std::set<std::uint32_t> words;
-  for (std::size_t i = 0; i < descriptors.size(); i += kSize) words.insert(tree.Quantize(&descriptors[i]));
+  for (std::size_t i = 0; i < descriptors.size(); i += kSize)
+    words.insert(tree.Quantize(&descriptors[i]));
   return words;
 }
 
@@ -61,8 +63,10 @@ TEST(TrainTree, AsManyWordsAsDistinctDescriptors) {
   Rng rng(1, "tests/all");
   const Bytes descriptors = RandomDescriptors(400, &rng);
   for (const int branching : {2, 3, 10, 64}) {
-    EXPECT_EQ(TrainTree(descriptors, Options(400, branching), "tests").num_words, 400U) << branching;
-    EXPECT_EQ(TrainTree(descriptors, Options(300, branching), "tests").num_words, 300U) << branching;
+    EXPECT_EQ(TrainTree(descriptors, Options(400, branching), "tests").num_words, 400U)
+        << branching;
+    EXPECT_EQ(TrainTree(descriptors, Options(300, branching), "tests").num_words, 300U)
+        << branching;
   }
 }
 
@@ -70,7 +74,8 @@ TEST(TrainTree, FewerDistinctDescriptorsThanWords) {
   Rng rng(1, "tests/fewer");
   const Bytes distinct = RandomDescriptors(7, &rng);
   Bytes descriptors;
-  for (int copy = 0; copy < 40; ++copy) descriptors.insert(descriptors.end(), distinct.begin(), distinct.end());
+  for (int copy = 0; copy < 40; ++copy)
+    descriptors.insert(descriptors.end(), distinct.begin(), distinct.end());
   const VocabularyTree tree = TrainTree(descriptors, Options(50, 3), "tests");
   EXPECT_TRUE(tree.Check().ok());
   EXPECT_EQ(tree.num_words, 7U);
@@ -114,7 +119,8 @@ TEST(TrainTree, CentroidsAreMeans) {
   for (std::size_t i = 0; i < descriptors.size(); i += kSize) {
     const std::uint32_t word = tree.Quantize(&descriptors[i]);
     ++counts[word];
-    for (std::size_t d = 0; d < kSize; ++d) sums[word][d] += static_cast<double>(descriptors[i + d]);
+    for (std::size_t d = 0; d < kSize; ++d)
+      sums[word][d] += static_cast<double>(descriptors[i + d]);
   }
   for (std::size_t node = 1; node <= 8; ++node) {
     const std::uint32_t word = tree.word[node];

@@ -10,8 +10,8 @@
 namespace panofix {
 namespace {
 
-// The fault that keeps `text` from being well-formed XML, or "": tags close in order, attributes are
-// quoted, no stray angle bracket.
+// The fault that keeps `text` from being well-formed XML, or "": tags close in order, attributes
+// are quoted, no stray angle bracket.
 std::string XmlFault(const std::string& text) {
   static const std::regex tag(R"(<(/?)([a-zA-Z]+)((?:\s+[a-zA-Z0-9-]+='[^'<]*')*)\s*(/?)>)");
   std::vector<std::string> open;
@@ -19,11 +19,14 @@ std::string XmlFault(const std::string& text) {
   std::smatch match;
   while (std::regex_search(rest, match, tag)) {
     const std::string before = match.prefix();
-    if (before.find_first_of("<&") != std::string::npos) return "stray markup: " + before.substr(0, 80);
+    if (before.find_first_of("<&") != std::string::npos)
+      return "stray markup: " + before.substr(0, 80);
     if (match[1].length() > 0) {
-      if (open.empty() || open.back() != match[2]) return "closes what is not open: " + match[2].str();
+      if (open.empty() || open.back() != match[2])
+        return "closes what is not open: " + match[2].str();
       open.pop_back();
-      if (open.empty() && match.suffix().str().find_first_not_of(" \n") != std::string::npos) return "text after the end";
+      if (open.empty() && match.suffix().str().find_first_not_of(" \n") != std::string::npos)
+        return "text after the end";
     } else if (match[4].length() == 0) {
       open.push_back(match[2]);
     }
@@ -34,7 +37,8 @@ std::string XmlFault(const std::string& text) {
 
 int Count(const std::string& text, const std::string& piece) {
   int count = 0;
-  for (std::size_t at = text.find(piece); at != std::string::npos; at = text.find(piece, at + 1)) ++count;
+  for (std::size_t at = text.find(piece); at != std::string::npos; at = text.find(piece, at + 1))
+    ++count;
   return count;
 }
 
@@ -48,7 +52,9 @@ class BirdsEyeTest : public testing::Test {
   void AddFrame(double north_m, std::optional<double> off_m, bool with_truth = true) {
     const auto time = static_cast<std::int64_t>(drive_.frames.size());
     drive_.frames.push_back({time, ""});
-    const auto at = [&](double east_m) { return bundle_->frame().ToGeodetic({east_m, north_m, 2}); };
+    const auto at = [&](double east_m) {
+      return bundle_->frame().ToGeodetic({east_m, north_m, 2});
+    };
     if (with_truth) drive_.truth.push_back({time, at(0), {}});
     PoseRow row;
     row.timestamp_ns = time;
@@ -69,8 +75,8 @@ class BirdsEyeTest : public testing::Test {
 TEST_F(BirdsEyeTest, IsWellFormedAndShowsEveryFrame) {
   AddFrame(5, 0.0);
   AddFrame(10, 0.5);
-  AddFrame(15, 30.0);      // false fix
-  AddFrame(20, {});        // no fix
+  AddFrame(15, 30.0);        // false fix
+  AddFrame(20, {});          // no fix
   AddFrame(25, 0.2, false);  // no truth
   const std::string svg = Svg();
   EXPECT_EQ(XmlFault(svg), "");
@@ -79,7 +85,9 @@ TEST_F(BirdsEyeTest, IsWellFormedAndShowsEveryFrame) {
     return BirdsEyeSvg(*bundle_, no_drive, {});
   }();
   // Beyond the legend's own marks.
-  const auto more = [&](const std::string& piece) { return Count(svg, piece) - Count(empty_svg, piece); };
+  const auto more = [&](const std::string& piece) {
+    return Count(svg, piece) - Count(empty_svg, piece);
+  };
   EXPECT_EQ(more("stroke='#333'"), 4);
   EXPECT_EQ(more("fill='#d0d'"), 1);
   EXPECT_EQ(more("fill='#1a6fd0'"), 1);
@@ -95,7 +103,8 @@ TEST_F(BirdsEyeTest, NorthIsUp) {
   // The panoramas run north: their circles climb.
   static const std::regex circle("<circle cx='([0-9.]+)' cy='([0-9.]+)' r='4.0' fill='#999'/>");
   std::vector<double> heights;
-  for (auto it = std::sregex_iterator(svg.begin(), svg.end(), circle); it != std::sregex_iterator(); ++it) {
+  for (auto it = std::sregex_iterator(svg.begin(), svg.end(), circle); it != std::sregex_iterator();
+       ++it) {
     heights.push_back(std::stod((*it)[2]));
   }
   ASSERT_GE(heights.size(), 4U);

@@ -16,7 +16,8 @@ namespace fs = std::filesystem;
 constexpr double kTolerance_m = 1e-4;
 
 // A bundle after `change`, opened.
-std::shared_ptr<const MapBundle> Opened(const TempFolder& folder, const std::function<void(CraftedBundle*)>& change = {}) {
+std::shared_ptr<const MapBundle> Opened(const TempFolder& folder,
+                                        const std::function<void(CraftedBundle*)>& change = {}) {
   CraftedBundle crafted = SmallBundle();
   if (change) change(&crafted);
   crafted.Write(folder / "b");
@@ -76,15 +77,17 @@ TEST(InspectJson, HoldsTheManifestAndWhatItDoesNotSay) {
   EXPECT_NEAR(json["coverage"]["south_deg"].get<double>(), 48.85, 1e-9);
   EXPECT_NEAR(json["coverage"]["north_deg"].get<double>(), 48.85 + 30 / 111000.0, 1e-5);
   EXPECT_EQ(json["num_bytes"], BundleBytes(*bundle));
-  EXPECT_NEAR(json["mb_per_km"].get<double>(), static_cast<double>(BundleBytes(*bundle)) / 1e6 / 0.03, 0.01);
+  EXPECT_NEAR(json["mb_per_km"].get<double>(),
+              static_cast<double>(BundleBytes(*bundle)) / 1e6 / 0.03, 0.01);
 }
 
 TEST(InspectText, NamesEveryPart) {
   const TempFolder folder;
   const auto bundle = Opened(folder);
   const std::string text = InspectText(*bundle);
-  for (const char* word : {"small", "graph.h5", "vocabulary.h5", "tiles/0.h5", "tiles/1.h5", "not stated",
-                           "4 (3 with depth, 0 set aside)", "30 m of route", "4 SIFT, 2 MSER"}) {
+  for (const char* word :
+       {"small", "graph.h5", "vocabulary.h5", "tiles/0.h5", "tiles/1.h5", "not stated",
+        "4 (3 with depth, 0 set aside)", "30 m of route", "4 SIFT, 2 MSER"}) {
     EXPECT_NE(text.find(word), std::string::npos) << word << "\n" << text;
   }
   EXPECT_NE(text.find(bundle->id()), std::string::npos);

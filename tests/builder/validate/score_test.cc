@@ -41,7 +41,8 @@ struct Trial {
     PoseColumns pose;
     pose.position = Moved(east_m, north_m, up_m);
     pose.attitude = {30 + heading_deg, 1, -1};
-    pose.sigma_east_m = 0.1, pose.sigma_north_m = 0.2, pose.sigma_up_m = 0.4, pose.sigma_heading_deg = 0.5;
+    pose.sigma_east_m = 0.1, pose.sigma_north_m = 0.2, pose.sigma_up_m = 0.4,
+    pose.sigma_heading_deg = 0.5;
     rows.push_back({drive.frames.back().timestamp_ns, FixStatus::kFix, "", pose, 30, 2, "p", 20});
     return rows.back();
   }
@@ -49,7 +50,9 @@ struct Trial {
     AddFrame();
     rows.push_back({drive.frames.back().timestamp_ns, FixStatus::kNoFix, "lost", {}, 0, 0, "", 20});
   }
-  [[nodiscard]] ScoreTable Table(const RunLog& log = {}) const { return Score(drive, rows, log, 0); }
+  [[nodiscard]] ScoreTable Table(const RunLog& log = {}) const {
+    return Score(drive, rows, log, 0);
+  }
 };
 
 TEST(Score, ErrorsAreThoseOfTheFixes) {
@@ -194,7 +197,9 @@ TEST(Score, MedianAndPercentileOfAnyNumberOfFixes) {
     run.AddFix(error_m);
     errors_m.insert(std::upper_bound(errors_m.begin(), errors_m.end(), error_m), error_m);
     const ScoreTable table = run.Table();
-    ASSERT_NEAR(table.median_position_error_m, 0.5 * (errors_m[(n - 1) / 2] + errors_m[n / 2]), kTolerance_m) << n;
+    ASSERT_NEAR(table.median_position_error_m, 0.5 * (errors_m[(n - 1) / 2] + errors_m[n / 2]),
+                kTolerance_m)
+        << n;
     // Nearest rank: the smallest value that 95 % do not exceed.
     ASSERT_NEAR(table.p95_position_error_m, errors_m[(95 * n + 99) / 100 - 1], kTolerance_m) << n;
   }
@@ -239,9 +244,10 @@ TEST(ScoreTable, TextAndJsonHaveEveryRow) {
   run.AddNoFix();
   const ScoreTable table = run.Table();
   const std::string text = table.ToText();
-  for (const char* row : {"frames", "fix", "within (0.25 m, 2 deg)", "within (5 m, 10 deg)", "position error",
-                          "attitude error", "false fixes (> 5 m)", "longest gap", "NEES median", "resident memory",
-                          "bundle per km", "comparisons avoided"}) {
+  for (const char* row :
+       {"frames", "fix", "within (0.25 m, 2 deg)", "within (5 m, 10 deg)", "position error",
+        "attitude error", "false fixes (> 5 m)", "longest gap", "NEES median", "resident memory",
+        "bundle per km", "comparisons avoided"}) {
     EXPECT_NE(text.find(row), std::string::npos) << row;
   }
   const auto json = nlohmann::json::parse(table.ToJson());

@@ -8,12 +8,16 @@
 namespace panofix {
 namespace {
 
-constexpr ErrorCode kAllCodes[] = {ErrorCode::kOk,          ErrorCode::kInvalidArgument,
-                                   ErrorCode::kNotFound,    ErrorCode::kIo,
-                                   ErrorCode::kBadData,     ErrorCode::kTooLarge,
+constexpr ErrorCode kAllCodes[] = {ErrorCode::kOk,
+                                   ErrorCode::kInvalidArgument,
+                                   ErrorCode::kNotFound,
+                                   ErrorCode::kIo,
+                                   ErrorCode::kBadData,
+                                   ErrorCode::kTooLarge,
                                    ErrorCode::kUnsupportedVersion,
                                    ErrorCode::kChecksumMismatch,
-                                   ErrorCode::kNoSpace,     ErrorCode::kCancelled,
+                                   ErrorCode::kNoSpace,
+                                   ErrorCode::kCancelled,
                                    ErrorCode::kInternal};
 
 TEST(Status, DefaultIsOk) {
@@ -87,9 +91,7 @@ TEST(Result, ReadingTheValueOfAFailureIsABug) {
   EXPECT_THROW((void)std::move(result).value(), std::logic_error);
 }
 
-TEST(Result, AnOkStatusIsNoFailure) {
-  EXPECT_THROW((void)Result<int>(Status()), std::logic_error);
-}
+TEST(Result, AnOkStatusIsNoFailure) { EXPECT_THROW((void)Result<int>(Status()), std::logic_error); }
 
 TEST(ValueOrThrow, GivesTheValueOrThrowsItsCode) {
   EXPECT_EQ(ValueOrThrow(Result<int>(5)), 5);

@@ -138,7 +138,8 @@ TEST(Camera, CheckNamesWhatIsWrong) {
   EXPECT_NE(fault([](Camera* c) { c->cy_px = kInf; }).find("camera_matrix"), std::string::npos);
   EXPECT_NE(fault([](Camera* c) { c->fy_px = 0; }).find("focal"), std::string::npos);
   EXPECT_NE(fault([](Camera* c) { c->fx_px = -1; }).find("focal"), std::string::npos);
-  EXPECT_NE(fault([](Camera* c) { c->distortion[7] = kNan; }).find("distortion"), std::string::npos);
+  EXPECT_NE(fault([](Camera* c) { c->distortion[7] = kNan; }).find("distortion"),
+            std::string::npos);
 }
 
 }  // namespace

@@ -102,16 +102,19 @@ TEST(ParseCameraYaml, MissingKeysAreNamed) {
 }
 
 TEST(ParseCameraYaml, UnknownDistortionModelIsRefused) {
-  ExpectRefused(With("plumb_bob", "equidistant"), {"equidistant", "plumb_bob", "rational_polynomial"});
+  ExpectRefused(With("plumb_bob", "equidistant"),
+                {"equidistant", "plumb_bob", "rational_polynomial"});
 }
 
 TEST(ParseCameraYaml, WrongCountsAreRefused) {
-  ExpectRefused(With("[520.5, 0, 322, 0, 515, 236, 0, 0, 1]", "[520.5, 515]"), {"camera_matrix", "9"});
+  ExpectRefused(With("[520.5, 0, 322, 0, 515, 236, 0, 0, 1]", "[520.5, 515]"),
+                {"camera_matrix", "9"});
   ExpectRefused(With("[-0.28, 0.09, 0.0012, -0.0007, 0]", "[1, 2, 3]"),
                 {"distortion_coefficients", "3 numbers"});
   ExpectRefused(With("[-0.28, 0.09, 0.0012, -0.0007, 0]", "[1, 2, 3, 4, 5, 6]"),
                 {"distortion_coefficients", "plumb_bob"});
-  ExpectRefused(With("[-0.28, 0.09, 0.0012, -0.0007, 0]", "5"), {"distortion_coefficients", "data"});
+  ExpectRefused(With("[-0.28, 0.09, 0.0012, -0.0007, 0]", "5"),
+                {"distortion_coefficients", "data"});
 }
 
 TEST(ParseCameraYaml, NumbersOutOfRangeAreRefused) {
@@ -128,7 +131,8 @@ TEST(ParseCameraYaml, NumbersOutOfRangeAreRefused) {
 }
 
 TEST(ParseCameraYaml, TextThatIsNoMapIsRefused) {
-  for (const std::string text : {"", "\n", "just words", "[1, 2]", "a: [", "{a: b", "\t:\t:", "- - -"}) {
+  for (const std::string text :
+       {"", "\n", "just words", "[1, 2]", "a: [", "{a: b", "\t:\t:", "- - -"}) {
     ExpectRefused(text, {});
   }
   ExpectRefused(std::string(100000, '['), {});

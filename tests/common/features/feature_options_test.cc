@@ -27,7 +27,8 @@ TEST(Preprocess, GlobalFollowsTheDefinition) {
   for (const std::uint8_t v : image.pixels) ++cumulative[v];
   for (std::size_t v = 1; v < 256; ++v) cumulative[v] += cumulative[v - 1];
   const int total = cumulative[255];
-  const int darkest = *std::find_if(cumulative.begin(), cumulative.end(), [](int c) { return c > 0; });
+  const int darkest =
+      *std::find_if(cumulative.begin(), cumulative.end(), [](int c) { return c > 0; });
   const GrayImage equal = Preprocess(image, options);
   ASSERT_EQ(equal.pixels.size(), image.pixels.size());
   for (std::size_t i = 0; i < image.pixels.size(); ++i) {

@@ -44,7 +44,8 @@ std::vector<FeatureMatch> Oracle(const Bytes& query, const Bytes& database,
   for (std::size_t i = 0; i < n && m > 0; ++i) {
     std::int64_t best, second, back_best, back_second;
     const std::size_t j = nearest(query, i, database, m, &best, &second);
-    const double ratio = std::sqrt(static_cast<double>(best)) / std::sqrt(static_cast<double>(second));
+    const double ratio =
+        std::sqrt(static_cast<double>(best)) / std::sqrt(static_cast<double>(second));
     if (options.max_ratio < 1 && (m < 2 || !(ratio < options.max_ratio))) continue;
     if (options.mutual && nearest(database, j, query, n, &back_best, &back_second) != i) continue;
     matches.push_back({static_cast<int>(i), static_cast<int>(j), static_cast<int>(best)});
@@ -52,7 +53,8 @@ std::vector<FeatureMatch> Oracle(const Bytes& query, const Bytes& database,
   return matches;
 }
 
-void ExpectSame(const std::vector<FeatureMatch>& actual, const std::vector<FeatureMatch>& expected) {
+void ExpectSame(const std::vector<FeatureMatch>& actual,
+                const std::vector<FeatureMatch>& expected) {
   ASSERT_EQ(actual.size(), expected.size());
   for (std::size_t i = 0; i < actual.size(); ++i) {
     EXPECT_EQ(actual[i].query_idx, expected[i].query_idx);

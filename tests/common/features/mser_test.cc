@@ -10,7 +10,8 @@ namespace {
 
 // A filled ellipse of grey `level` on grey 60.
 GrayImage EllipseImage(int side_px, double cx, double cy, double a_px, double b_px, int level) {
-  GrayImage image{side_px, side_px, std::vector<std::uint8_t>(static_cast<std::size_t>(side_px * side_px), 60)};
+  GrayImage image{side_px, side_px,
+                  std::vector<std::uint8_t>(static_cast<std::size_t>(side_px * side_px), 60)};
   for (int y = 0; y < side_px; ++y) {
     for (int x = 0; x < side_px; ++x) {
       if (std::pow((x - cx) / a_px, 2) + std::pow((y - cy) / b_px, 2) <= 1) {

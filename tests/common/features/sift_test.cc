@@ -55,7 +55,8 @@ TEST(ExtractSift, FindsBlobsWhereTheyAre) {
 
 // An image and its mirror image show the same centres: a shift of either sign breaks this.
 TEST(ExtractSift, MirroringMirrorsTheCentres) {
-  const std::vector<Blob> blobs{{80.3, 70.6, 3, 100}, {180.8, 90.2, 5, -90}, {120.5, 160.4, 4, 110}};
+  const std::vector<Blob> blobs{
+      {80.3, 70.6, 3, 100}, {180.8, 90.2, 5, -90}, {120.5, 160.4, 4, 110}};
   std::vector<Blob> mirrored = blobs;
   for (Blob& blob : mirrored) blob.x_px = 255 - blob.x_px, blob.y_px = 255 - blob.y_px;
   const FeatureSet a = ExtractSift(BlobImage(256, 256, blobs), {});
@@ -112,7 +113,8 @@ TEST(ExtractSift, StrongestFirstAndNoMoreThanAsked) {
 TEST(ExtractSift, TheLimitHoldsAmongEquals) {
   std::vector<Blob> blobs;
   for (int row = 0; row < 9; ++row) {
-    for (int column = 0; column < 9; ++column) blobs.push_back({32.0 + 32 * column, 32.0 + 32 * row, 3, 100});
+    for (int column = 0; column < 9; ++column)
+      blobs.push_back({32.0 + 32 * column, 32.0 + 32 * row, 3, 100});
   }
   FeatureOptions options;
   options.max_sift = 50;
@@ -147,7 +149,8 @@ TEST(ExtractSift, RootSiftIsTheRootOfSift) {
     for (const std::uint8_t byte : plain.descriptor(i)) sum += static_cast<double>(byte);
     for (std::size_t d = 0; d < kDescriptorSize; ++d) {
       const double share = static_cast<double>(plain.descriptor(i)[d]) / sum;
-      EXPECT_NEAR(static_cast<double>(root.descriptor(i)[d]), std::min(255.0, 512 * std::sqrt(share)), 1.0);
+      EXPECT_NEAR(static_cast<double>(root.descriptor(i)[d]),
+                  std::min(255.0, 512 * std::sqrt(share)), 1.0);
     }
   }
 }

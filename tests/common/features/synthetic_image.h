@@ -20,7 +20,9 @@ inline GrayImage BlobImage(int width_px, int height_px, const std::vector<Blob>&
   for (const Blob& b : blobs) {
     const double reach_px = 5 * b.sigma_px;  // beyond, less than a thousandth of a grey level
     const auto from = [&](double c) { return std::max(0, static_cast<int>(c - reach_px)); };
-    const auto to = [&](double c, int size) { return std::min(size, static_cast<int>(c + reach_px) + 2); };
+    const auto to = [&](double c, int size) {
+      return std::min(size, static_cast<int>(c + reach_px) + 2);
+    };
     for (int y = from(b.y_px); y < to(b.y_px, height_px); ++y) {
       for (int x = from(b.x_px); x < to(b.x_px, width_px); ++x) {
         const double r2 = std::pow(x - b.x_px, 2) + std::pow(y - b.y_px, 2);

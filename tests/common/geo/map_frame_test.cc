@@ -27,7 +27,8 @@ Radii RadiiAt(double lat_deg) {
 
 std::vector<MapFrame> Frames() {
   std::vector<MapFrame> frames{*MapFrame::FromName("EPSG:2154")};
-  for (const double lat_deg : {-89.5, -75.0, -45.0, -10.0, -1.0, 0.0, 0.5, 9.0, 30.0, 48.85, 66.0, 80.0, 89.9}) {
+  for (const double lat_deg :
+       {-89.5, -75.0, -45.0, -10.0, -1.0, 0.0, 0.5, 9.0, 30.0, 48.85, 66.0, 80.0, 89.9}) {
     frames.push_back(MapFrame::Tangent({lat_deg, 2.335, 35}));
     frames.push_back(MapFrame::Tangent({lat_deg, 179.99, 0}));
   }
@@ -53,7 +54,8 @@ TEST(MapFrame, RoundTripClosesAtManyLatitudes) {
     for (const Geodetic& point : PointsAround(frame, &rng)) {
       const Geodetic back = frame.ToGeodetic(frame.ToMap(point));
       EXPECT_NEAR(back.lat_deg, point.lat_deg, kRoundTrip_deg);
-      EXPECT_NEAR(AngleDifferenceDeg(back.lon_deg, point.lon_deg), 0, kRoundTrip_deg) << point.lat_deg;
+      EXPECT_NEAR(AngleDifferenceDeg(back.lon_deg, point.lon_deg), 0, kRoundTrip_deg)
+          << point.lat_deg;
       EXPECT_EQ(back.height_m, point.height_m);
     }
   }
@@ -89,7 +91,8 @@ TEST(MapFrame, ConvergenceAgreesWithFiniteDifferences) {
     for (const Geodetic& p : PointsAround(frame, &rng)) {
       const Eigen::Vector3d north = frame.ToMap({p.lat_deg + kStep_deg, p.lon_deg, 0}) -
                                     frame.ToMap({p.lat_deg - kStep_deg, p.lon_deg, 0});
-      EXPECT_NEAR(std::atan2(north.x(), north.y()), -frame.ConvergenceRad(p), kTol_rad) << p.lat_deg;
+      EXPECT_NEAR(std::atan2(north.x(), north.y()), -frame.ConvergenceRad(p), kTol_rad)
+          << p.lat_deg;
       const Eigen::Vector3d north_in_map = frame.MapFromEnu(p) * Eigen::Vector3d::UnitY();
       EXPECT_LE((north_in_map - north.normalized()).norm(), kTol_rad);
     }
@@ -140,10 +143,10 @@ TEST(MapFrame, ParametersThatMakeNoConeAreRefused) {
     p.*member = value;
     EXPECT_THROW((void)MapFrame(p), std::invalid_argument) << value;
   };
-  for (const auto member : {&LambertParameters::lat1_deg, &LambertParameters::lat2_deg,
-                            &LambertParameters::lat0_deg, &LambertParameters::lon0_deg,
-                            &LambertParameters::scale, &LambertParameters::false_easting_m,
-                            &LambertParameters::false_northing_m}) {
+  for (const auto member :
+       {&LambertParameters::lat1_deg, &LambertParameters::lat2_deg, &LambertParameters::lat0_deg,
+        &LambertParameters::lon0_deg, &LambertParameters::scale,
+        &LambertParameters::false_easting_m, &LambertParameters::false_northing_m}) {
     refused(member, kNan);
     refused(member, std::numeric_limits<double>::infinity());
   }

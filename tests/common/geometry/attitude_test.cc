@@ -32,8 +32,8 @@ TEST(EnuFromBody, LevelAndNorthIsTheIdentity) {
 
 TEST(EnuFromBody, HeadingTurnsClockwiseFromNorth) {
   const Matrix3d east = EnuFromBody({90, 0, 0});
-  EXPECT_LE((east.col(1) - Vector3d::UnitX()).norm(), kRounding);   // forward is east
-  EXPECT_LE((east.col(0) + Vector3d::UnitY()).norm(), kRounding);   // right is south
+  EXPECT_LE((east.col(1) - Vector3d::UnitX()).norm(), kRounding);  // forward is east
+  EXPECT_LE((east.col(0) + Vector3d::UnitY()).norm(), kRounding);  // right is south
   EXPECT_LE((east.col(2) - Vector3d::UnitZ()).norm(), kRounding);
 }
 
@@ -47,12 +47,13 @@ TEST(EnuFromBody, FollowsTheClosedForm) {
   Rng rng(1, "tests/attitude");
   for (int i = 0; i < 1000; ++i) {
     const Attitude a{rng.Uniform(-360, 720), rng.Uniform(-90, 90), rng.Uniform(-180, 180)};
-    const double sh = std::sin(a.heading_deg * kRadPerDeg), ch = std::cos(a.heading_deg * kRadPerDeg);
+    const double sh = std::sin(a.heading_deg * kRadPerDeg),
+                 ch = std::cos(a.heading_deg * kRadPerDeg);
     const double sp = std::sin(a.pitch_deg * kRadPerDeg), cp = std::cos(a.pitch_deg * kRadPerDeg);
     const double sr = std::sin(a.roll_deg * kRadPerDeg), cr = std::cos(a.roll_deg * kRadPerDeg);
     Matrix3d expected;
-    expected << ch * cr + sh * sp * sr, sh * cp, ch * sr - sh * sp * cr,   //
-        -sh * cr + ch * sp * sr, ch * cp, -sh * sr - ch * sp * cr,         //
+    expected << ch * cr + sh * sp * sr, sh * cp, ch * sr - sh * sp * cr,  //
+        -sh * cr + ch * sp * sr, ch * cp, -sh * sr - ch * sp * cr,        //
         -cp * sr, sp, cp * cr;
     ASSERT_LE((EnuFromBody(a) - expected).norm(), kRounding);
   }

@@ -32,7 +32,8 @@ TEST(Rigid3, AgreesWithHomogeneousMatrices) {
       m.topRightCorner<3, 1>() = t.translation;
       return m;
     };
-    EXPECT_LE(((a * b) * x - (matrix(a) * matrix(b) * x.homogeneous()).head<3>()).norm(), kRounding);
+    EXPECT_LE(((a * b) * x - (matrix(a) * matrix(b) * x.homogeneous()).head<3>()).norm(),
+              kRounding);
     EXPECT_LE((a.Inverse() * x - (matrix(a).inverse() * x.homogeneous()).head<3>()).norm(),
               kRounding);
     EXPECT_THAT(a * a.Inverse(), Rigid3Near(Rigid3(), 1e-7, kRounding));

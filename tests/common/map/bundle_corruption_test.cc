@@ -52,19 +52,23 @@ TEST_F(BundleCorruption, EveryFlippedByteOfTheManifestIsFound) {
   for (std::size_t at = 0; at < good.size(); ++at) {
     const ErrorCode code = OpenFlipped(kManifestName, good, at, 0).code();
     // A manifest that says it is of another format is told so first.
-    ASSERT_EQ(code, at == major_at ? ErrorCode::kUnsupportedVersion : ErrorCode::kChecksumMismatch) << at;
+    ASSERT_EQ(code, at == major_at ? ErrorCode::kUnsupportedVersion : ErrorCode::kChecksumMismatch)
+        << at;
   }
   const std::string hash = ReadText(root() / kManifestHashName);
   for (std::size_t at = 0; at < 64; ++at) {
-    ASSERT_EQ(OpenFlipped(kManifestHashName, hash, at, 1).code(), ErrorCode::kChecksumMismatch) << at;
+    ASSERT_EQ(OpenFlipped(kManifestHashName, hash, at, 1).code(), ErrorCode::kChecksumMismatch)
+        << at;
   }
   EXPECT_TRUE(Open().ok());
 }
 
 TEST_F(BundleCorruption, TruncatedAndGrownFilesAreFound) {
-  for (const std::string path : {"graph.h5", "vocabulary.h5", "tiles/0.h5", "tiles/1.h5", kManifestName}) {
+  for (const std::string path :
+       {"graph.h5", "vocabulary.h5", "tiles/0.h5", "tiles/1.h5", kManifestName}) {
     const std::string good = ReadText(root() / path);
-    for (const std::size_t keep : {std::size_t{0}, std::size_t{1}, good.size() / 2, good.size() - 1}) {
+    for (const std::size_t keep :
+         {std::size_t{0}, std::size_t{1}, good.size() / 2, good.size() - 1}) {
       WriteText(root() / path, good.substr(0, keep));
       EXPECT_EQ(Open().code(), ErrorCode::kChecksumMismatch) << path << " cut to " << keep;
     }
@@ -92,7 +96,8 @@ TEST_F(BundleCorruption, PartsOfTwoBundlesDoNotMix) {
   CraftedBundle other = SmallBundle();
   other.tiles[0].points[0] += 1;
   other.Write(folder_ / "other");
-  fs::copy_file(folder_ / "other" / "tiles/0.h5", root() / "tiles/0.h5", fs::copy_options::overwrite_existing);
+  fs::copy_file(folder_ / "other" / "tiles/0.h5", root() / "tiles/0.h5",
+                fs::copy_options::overwrite_existing);
   EXPECT_EQ(Open().code(), ErrorCode::kChecksumMismatch);
 }
 

@@ -12,7 +12,8 @@ namespace {
 namespace fs = std::filesystem;
 
 // Tests here write hundreds of bundles and flush every file; in memory that costs nothing.
-[[maybe_unused]] const int kInMemory = fs::is_directory("/dev/shm") ? ::setenv("TMPDIR", "/dev/shm", 0) : 0;
+[[maybe_unused]] const int kInMemory =
+    fs::is_directory("/dev/shm") ? ::setenv("TMPDIR", "/dev/shm", 0) : 0;
 
 void WriteTree(Hdf5Writer* file, const std::string& group, const VocabularyTree& tree) {
   file->Write<std::uint8_t>(group + "/centroids", tree.centroids, kDescriptorSize);
@@ -66,20 +67,23 @@ void WriteTile(const CraftedTile& tile, const fs::path& path) {
 void CraftedTile::AddFeature(const Keypoint& k, const Eigen::Vector3d& p, double range_sigma_m,
                              std::span<const std::uint8_t> descriptor, std::uint8_t surface_idx) {
   keypoints.insert(keypoints.end(), {k.x_px, k.y_px, k.size_px, k.angle_deg});
-  for (const double v : {p.x(), p.y(), p.z(), range_sigma_m}) points.push_back(static_cast<float>(v));
+  for (const double v : {p.x(), p.y(), p.z(), range_sigma_m})
+    points.push_back(static_cast<float>(v));
   descriptors.insert(descriptors.end(), descriptor.begin(), descriptor.end());
   surfaces.push_back(surface_idx);
 }
 
 void CraftedTile::EndView(const BagOfWords& bag) {
   view_offsets.push_back(static_cast<std::uint32_t>(keypoints.size() / 4));
-  for (const WeightedWord& entry : bag) words.push_back(entry.word), weights.push_back(entry.weight);
+  for (const WeightedWord& entry : bag)
+    words.push_back(entry.word), weights.push_back(entry.weight);
   bag_offsets.push_back(static_cast<std::uint32_t>(words.size()));
 }
 
 void CraftedTile::EndPanorama(const std::vector<Eigen::Vector4d>& panorama_planes) {
   for (const Eigen::Vector4d& plane : panorama_planes) {
-    for (const double v : {plane[0], plane[1], plane[2], plane[3]}) planes.push_back(static_cast<float>(v));
+    for (const double v : {plane[0], plane[1], plane[2], plane[3]})
+      planes.push_back(static_cast<float>(v));
   }
   plane_offsets.push_back(static_cast<std::uint32_t>(planes.size() / 4));
 }

@@ -41,13 +41,14 @@ struct CraftedBundle {
   // Any further files, path and content.
   std::vector<std::pair<std::string, std::string>> extra_parts;
 
-  void AddPanorama(const std::string& id, const Rigid3& map_from_pano, const std::vector<std::uint32_t>& panorama_links,
-                   bool depth = true);
+  void AddPanorama(const std::string& id, const Rigid3& map_from_pano,
+                   const std::vector<std::uint32_t>& panorama_links, bool depth = true);
   void Write(const std::filesystem::path& folder) const;
 };
 
-// Four panoramas a, b, c, d in a row, 10 m apart, linked; two tiles of two; two views a panorama with
-// 0 to 5 features each, of the planes of index 1 and 2; a vocabulary of 4 SIFT and 2 MSER words.
+// Four panoramas a, b, c, d in a row, 10 m apart, linked; two tiles of two; two views a panorama
+// with 0 to 5 features each, of the planes of index 1 and 2; a vocabulary of 4 SIFT and 2 MSER
+// words.
 [[nodiscard]] CraftedBundle SmallBundle();
 
 // Writes the manifest's hash file anew, after a test has changed the manifest.

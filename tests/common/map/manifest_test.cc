@@ -86,8 +86,8 @@ TEST(Manifest, ANewerMinorWithMoreFieldsIsRead) {
 
 TEST(Manifest, PathsStayInsideTheBundle) {
   const std::string long_path(257, 'x');
-  for (const std::string path : {"", "/etc/passwd", "..", "../x.h5", "tiles/../../x", "tiles/..", "./x",
-                                 "a//b", "a/", "a\\b", ".", "a/./b", long_path.c_str()}) {
+  for (const std::string path : {"", "/etc/passwd", "..", "../x.h5", "tiles/../../x", "tiles/..",
+                                 "./x", "a//b", "a/", "a\\b", ".", "a/./b", long_path.c_str()}) {
     Json json = Parsed();
     json["parts"][0]["path"] = path;
     EXPECT_EQ(CodeOf(json), ErrorCode::kBadData) << path;
@@ -106,7 +106,7 @@ TEST(Manifest, PartsAreNamedOnceAndHashed) {
   json["parts"][1]["path"] = "graph.h5";
   EXPECT_EQ(CodeOf(json), ErrorCode::kBadData);
   for (const std::string& hash : {std::string(), std::string(63, 'a'), std::string(65, 'a'),
-                                 std::string(64, 'A'), std::string(64, 'g')}) {
+                                  std::string(64, 'A'), std::string(64, 'g')}) {
     json = Parsed();
     json["parts"][0]["sha256"] = hash;
     EXPECT_EQ(CodeOf(json), ErrorCode::kBadData) << hash;
@@ -158,7 +158,8 @@ TEST(Manifest, TextThatIsNoManifest) {
     EXPECT_EQ(manifest.status().code(), ErrorCode::kBadData) << text;
     EXPECT_EQ(manifest.status().message().rfind("m.json: ", 0), 0U);
   }
-  EXPECT_EQ(ParseManifest(std::string(1 << 20, '['), "m.json").status().code(), ErrorCode::kBadData);
+  EXPECT_EQ(ParseManifest(std::string(1 << 20, '['), "m.json").status().code(),
+            ErrorCode::kBadData);
   EXPECT_EQ(ParseManifest(std::string((std::size_t{64} << 20) + 1, ' '), "m.json").status().code(),
             ErrorCode::kTooLarge);
 }

@@ -34,7 +34,8 @@ TEST(MapBundle, HoldsWhatWasWritten) {
   for (std::size_t p = 0; p < 4; ++p) {
     const MapPanorama& panorama = bundle->panoramas()[p];
     EXPECT_EQ(panorama.id, crafted.ids[p]);
-    EXPECT_EQ(panorama.map_from_pano.translation, Eigen::Vector3d(0, 10.0 * static_cast<double>(p), 2.5));
+    EXPECT_EQ(panorama.map_from_pano.translation,
+              Eigen::Vector3d(0, 10.0 * static_cast<double>(p), 2.5));
     EXPECT_EQ(panorama.has_depth, p != 3);
     EXPECT_NEAR(panorama.position.lat_deg, 48.85, 1e-3);
     EXPECT_EQ(panorama.point_scale, crafted.scales[p]);
@@ -140,8 +141,9 @@ std::map<std::string, std::string> Snapshot(const fs::path& folder) {
   for (const auto& entry : fs::recursive_directory_iterator(folder)) {
     struct stat info {};
     EXPECT_EQ(::stat(entry.path().c_str(), &info), 0);
-    std::string text = std::to_string(info.st_mtim.tv_sec) + "." + std::to_string(info.st_mtim.tv_nsec) +
-                       " " + std::to_string(info.st_ino) + " ";
+    std::string text = std::to_string(info.st_mtim.tv_sec) + "." +
+                       std::to_string(info.st_mtim.tv_nsec) + " " + std::to_string(info.st_ino) +
+                       " ";
     if (entry.is_regular_file()) text += ReadText(entry.path());
     files[entry.path().string()] = text;
   }

@@ -29,7 +29,8 @@ Words RandomWords(std::size_t count, std::uint32_t first, std::uint32_t bound, R
 }
 
 // TF-IDF of one half by its definition.
-std::map<std::uint32_t, double> TfIdf(const Words& words, const std::vector<float>& idf, double norm) {
+std::map<std::uint32_t, double> TfIdf(const Words& words, const std::vector<float>& idf,
+                                      double norm) {
   std::map<std::uint32_t, double> weights;
   for (const std::uint32_t word : words) weights[word] += double{idf[word]};
   double sum_sq = 0;
@@ -70,7 +71,8 @@ TEST(Bag, AHalfWithoutWeightCountsAsAbsent) {
   Rng rng(1, "tests/weightless");
   Vocabulary vocabulary = RandomVocabulary(&rng);
   for (std::size_t word = 36; word < vocabulary.idf.size(); ++word) vocabulary.idf[word] = 0;
-  EXPECT_NEAR(Norm(vocabulary.Bag(RandomWords(10, 0, 36, &rng), RandomWords(5, 36, 16, &rng))), 1, kFloat);
+  EXPECT_NEAR(Norm(vocabulary.Bag(RandomWords(10, 0, 36, &rng), RandomWords(5, 36, 16, &rng))), 1,
+              kFloat);
   std::fill(vocabulary.idf.begin(), vocabulary.idf.end(), 0.0F);
   EXPECT_TRUE(vocabulary.Bag(RandomWords(10, 0, 36, &rng), {}).empty());
 }

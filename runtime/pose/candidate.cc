@@ -1,0 +1,194 @@
+#include "runtime/pose/candidate.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "common/geometry/attitude.h"
+
+namespace panofix {
+namespace {
+
+std::vector<PanoramaPrior> PriorsOf(const MatchPool& pool, const MapErrors& errors) {
+  std::set<int> panoramas;
+  for (const Correspondence& match : pool.matches) panoramas.insert(match.panorama_idx);
+  std::vector<PanoramaPrior> priors;
+  for (const int panorama : panoramas) {
+    const double heading_rad = std::max(1e-4, errors.panorama_heading_sigma_deg * kRadPerDeg);
+    priors.push_back(
+        {panorama, std::max(1e-3, errors.panorama_position_sigma_m), heading_rad, heading_rad});
+  }
+  return priors;
+}
+
+// Refines on all matches, then adjusts with the panoramas on those that agree.
+struct Solution {
+  bool success = false;
+  Rigid3 cam_from_local;
+  Matrix6d covariance = Matrix6d::Zero();
+  double chi2_per_dof = 0;
+};
+Solution Solve(const MatchPool& pool, const Rigid3& start, double focal_px, const MapErrors& errors,
+               const PoseOptions& options) {
+  Solution solution;
+  const MatchPool single = WithoutRepeats(pool, start, focal_px);
+  const RefineResult refined = RefinePose(single.matches, start, options.refine);
+  if (!refined.success) return solution;
+  // Re-choose among repeats at the refined pose; only what agrees with it enters the adjustment.
+  MatchPool agreed;
+  const MatchPool chosen = WithoutRepeats(pool, refined.cam_from_map, focal_px);
+  for (std::size_t i = 0; i < chosen.matches.size(); ++i) {
+    double chi2;
+    if (!Agrees(chosen.matches[i], refined.cam_from_map, focal_px, &chi2)) continue;
+    agreed.matches.push_back(chosen.matches[i]);
+    agreed.keypoint_idx.push_back(chosen.keypoint_idx[i]);
+  }
+  const BundleResult adjusted = LocalBundleAdjustment(agreed.matches, refined.cam_from_map,
+                                                      PriorsOf(agreed, errors), options.bundle);
+  return {adjusted.success, adjusted.cam_from_map, adjusted.covariance, adjusted.chi2_per_dof};
+}
+
+// Counts what agrees with the final pose into the outcome.
+void Summarize(const MatchPool& pool, const FrameFeatures& frame, const Camera& camera,
+               PoseOutcome* outcome) {
+  std::set<int> keypoints;
+  std::map<int, int> inliers_of_view;
+  for (std::size_t i = 0; i < pool.matches.size(); ++i) {
+    double chi2;
+    if (!Agrees(pool.matches[i], outcome->cam_from_local, camera.fx_px, &chi2)) continue;
+    keypoints.insert(pool.keypoint_idx[i]);
+    ++inliers_of_view[pool.matches[i].view_idx];
+  }
+  outcome->num_inliers = static_cast<int>(keypoints.size());
+  std::vector<std::pair<int, int>> by_count;
+  for (const auto& [view, count] : inliers_of_view) by_count.emplace_back(-count, view);
+  std::sort(by_count.begin(), by_count.end());
+  for (const auto& [count, view] : by_count)
+    outcome->views.push_back(static_cast<std::uint32_t>(view));
+  if (!outcome->views.empty()) outcome->best_view = outcome->views.front();
+  std::vector<Eigen::Vector2d> inliers_px;
+  for (const int k : keypoints) {
+    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
+    inliers_px.emplace_back(keypoint.x_px, keypoint.y_px);
+  }
+  outcome->spread = ImageSpread(inliers_px, camera);
+}
+
+// Landmarks found beyond chance in windows of one size: comparable between poses.
+int SupportAt(const Scene& scene, const Rigid3& cam_from_local, const PoseOptions& options) {
+  GuidedOptions search = options.guided;
+  search.min_radius_px = search.max_radius_px;
+  const GuidedMatches found = MatchGuided(scene.frame, scene.grid, scene.camera, scene.bundle,
+                                          scene.local, cam_from_local, Matrix6d::Zero(), search);
+  return found.num_found - found.num_decoys;
+}
+
+// Steps sideways and along the line of sight to where more landmarks are found. Consensus on points
+// of wrong depth (trees and cars before a façade) sits beside the right pose, not on it.
+Rigid3 ClimbSupport(const Scene& scene, const Rigid3& start, const PoseOptions& options) {
+  Rigid3 local_from_cam = start.Inverse();
+  int best = SupportAt(scene, start, options);
+  double step_m = options.climb_step_m;
+  for (int climb = 0; climb < options.max_climbs; ++climb) {
+    const Rigid3 centre = local_from_cam;
+    for (const auto& [right, forward] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+      Rigid3 beside = centre;
+      Eigen::Vector3d d = centre.rotation * Eigen::Vector3d(right, 0, forward);
+      d.z() = 0;  // the road is no way up
+      beside.translation += step_m * d;
+      const int support = SupportAt(scene, beside.Inverse(), options);
+      if (support > best) best = support, local_from_cam = beside;
+    }
+    if (local_from_cam.translation == centre.translation) {
+      if (step_m < options.climb_step_m) break;
+      step_m *= 0.5;
+    }
+  }
+  return local_from_cam.Inverse();
+}
+
+// Guided rounds from a pose, each in windows half as wide, then the adjustment.
+PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solution solution,
+                         const PoseOptions& options) {
+  PoseOutcome outcome;
+  outcome.covariance = Matrix6d::Zero();
+  const MapErrors& errors = scene.bundle.manifest().errors;
+  const double focal_px = scene.camera.fx_px;
+  MatchPool pool = retrieved;
+  for (int round = 0; options.use_guided && solution.success && round < options.guided_rounds;
+       ++round) {
+    GuidedOptions search = options.guided;
+    // The first pose may be a metre off, whatever its covariance says: windows start wide and close
+    // in.
+    const int rounds_left = options.guided_rounds - 1 - round;
+    search.max_radius_px *= 1 << rounds_left;
+    search.min_radius_px *= 1 << rounds_left;
+    const GuidedMatches guided =
+        MatchGuided(scene.frame, scene.grid, scene.camera, scene.bundle, scene.local,
+                    solution.cam_from_local, solution.covariance, search);
+    pool = retrieved;
+    for (const ViewMatches& view : guided.views) pool.Append(view);
+    const int num_guided = std::max(1, guided.num_found);
+    if (rounds_left > 0) {
+      // Consensus anew: a biased start would hold on to the matches that suit it.
+      RansacOptions ransac = options.ransac;
+      ransac.minimal_solver = MinimalSolver::kP3p;
+      const RansacResult found = EstimatePoseRansac(pool.matches, ransac);
+      if (found.success && CountKeypoints(pool, found.cam_from_map, focal_px) >
+                               CountKeypoints(pool, solution.cam_from_local, focal_px)) {
+        solution.cam_from_local = found.cam_from_map;
+      }
+    }
+    outcome.support =
+        double(guided.num_found - guided.num_decoys) / std::max(1, guided.num_visible);
+    outcome.over_chance = double(guided.num_found) / std::max(1, guided.num_decoys);
+    solution = Solve(pool, solution.cam_from_local, focal_px, errors, options);
+    outcome.agreement = 0;
+    for (std::size_t i = retrieved.matches.size(); solution.success && i < pool.matches.size();
+         ++i) {
+      double chi2;
+      outcome.agreement +=
+          Agrees(pool.matches[i], solution.cam_from_local, focal_px, &chi2) ? 1.0 / num_guided : 0;
+    }
+  }
+  if (!solution.success) return outcome;
+  outcome.found = true;
+  outcome.cam_from_local = solution.cam_from_local;
+  outcome.covariance = solution.covariance;
+  outcome.chi2_per_dof = solution.chi2_per_dof;
+  Summarize(pool, scene.frame, scene.camera, &outcome);
+  return outcome;
+}
+
+}  // namespace
+
+double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera) {
+  if (px.size() < 3) return 0;
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  for (const auto& p : px) mean += p / static_cast<double>(px.size());
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
+  for (const auto& p : px)
+    covariance += (p - mean) * (p - mean).transpose() / static_cast<double>(px.size());
+  const double uniform = camera.width_px * camera.height_px / 12.0;
+  return std::sqrt(std::max(0.0, covariance.determinant())) / uniform;
+}
+
+PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
+                         const MatchPool& retrieved, const PoseOptions& options) {
+  Solution start = Solve(retrieved, hypothesis.cam_from_local, scene.camera.fx_px,
+                         scene.bundle.manifest().errors, options);
+  if (hypothesis.num_keypoints == 0) {
+    // A prediction: no match speaks for it yet, so it is first brought to where landmarks are
+    // found.
+    start = {true, ClimbSupport(scene, hypothesis.cam_from_local, options)};
+  }
+  PoseOutcome outcome = GuidedRounds(scene, retrieved, start, options);
+  if (!options.use_guided || !outcome.found || outcome.over_chance >= options.sure_over_chance)
+    return outcome;
+  Solution beside = start;
+  beside.cam_from_local = ClimbSupport(scene, outcome.cam_from_local, options);
+  const PoseOutcome other = GuidedRounds(scene, retrieved, beside, options);
+  return other.found && other.support > outcome.support ? other : outcome;
+}
+
+}  // namespace panofix

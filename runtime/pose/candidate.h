@@ -1,0 +1,33 @@
+#pragma once
+// From a hypothesis to a candidate pose: refinement, guided rounds, local bundle adjustment.
+
+#include "common/map/map_bundle.h"
+#include "runtime/pose/match_pool.h"
+#include "runtime/pose/pose_options.h"
+
+namespace panofix {
+
+struct Hypothesis {
+  Rigid3 cam_from_local;
+  int num_keypoints = 0;  // that agree among the retrieved matches; 0 = a prediction
+};
+
+// Everything that a guided search needs beside the pose.
+struct Scene {
+  const FrameFeatures& frame;
+  const KeypointGrid& grid;
+  const Camera& camera;
+  const MapBundle& bundle;
+  const LocalFrame& local;
+};
+
+// Spread of pixels over the image: root of the determinant of their covariance, as a share of a
+// uniform distribution's. Near 0 for a cluster or a line.
+[[nodiscard]] double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera);
+
+// Refinement and guided rounds; where these leave doubt, once more from the best supported pose
+// near by. found = false where no pose comes out. Gates are not applied.
+[[nodiscard]] PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
+                                       const MatchPool& retrieved, const PoseOptions& options);
+
+}  // namespace panofix

@@ -1,0 +1,24 @@
+#pragma once
+// Which poses a user may act on. Thresholds are in PoseOptions; they were fitted on generated
+// towns.
+
+#include <string>
+
+#include "common/map/map_bundle.h"
+#include "runtime/pose/frame_matches.h"
+#include "runtime/pose/pose_options.h"
+
+namespace panofix {
+
+// The first gate that a candidate fails, as a reason word, or "".
+[[nodiscard]] std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle,
+                                     const LocalFrame& local, const PoseOptions& options);
+
+// Marks a trusted pose as degraded, with its reason and wider sigmas, where it is only good for
+// that.
+void DegradeDoubtful(const PoseOptions& options, PoseOutcome* outcome);
+
+// For fitting gates: a debug line with all that the gates look at.
+void LogCandidate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local);
+
+}  // namespace panofix

@@ -1,0 +1,148 @@
+#include "runtime/pose/guided_matching.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "tests/runtime/pose/synthetic_street.h"
+
+namespace panofix {
+namespace {
+
+const SyntheticStreet& Street() {
+  static const SyntheticStreet street(StreetShape::kTwoWalls);
+  return street;
+}
+
+const Eigen::Vector3d kPlace(0.5, 18, 1.5);
+constexpr double kHeading_deg = 15;
+
+// A pose known to a decimetre and half a degree.
+Matrix6d SomeCovariance() {
+  Matrix6d covariance = Matrix6d::Identity() * 1e-2;
+  covariance.bottomRightCorner<3, 3>() *= 1e-2;
+  return covariance;
+}
+
+GuidedMatches Search(const FrameFeatures& frame, const Rigid3& cam_from_local,
+                     const GuidedOptions& options = {}) {
+  const KeypointGrid grid(frame, Street().camera());
+  return MatchGuided(frame, grid, Street().camera(), *Street().bundle(), Street().local(),
+                     cam_from_local, SomeCovariance(), options);
+}
+
+TEST(KeypointGrid, IsARangeQuery) {
+  Rng rng(1, "tests/grid");
+  FrameFeatures frame;
+  const Camera camera = Street().camera();
+  for (int i = 0; i < 500; ++i) {
+    // Some of them on and beyond the border.
+    frame.sift.keypoints.push_back({static_cast<float>(rng.Uniform(-20, camera.width_px + 20)),
+                                    static_cast<float>(rng.Uniform(-20, camera.height_px + 20)), 5,
+                                    0, 1});
+  }
+  const KeypointGrid grid(frame, camera);
+  for (int i = 0; i < 300; ++i) {
+    const Eigen::Vector2d px(rng.Uniform(-30, camera.width_px + 30),
+                             rng.Uniform(-30, camera.height_px + 30));
+    const double radius_px = rng.Uniform(0, 60);
+    std::vector<int> found, expected;
+    grid.Within(px, radius_px, &found);
+    std::sort(found.begin(), found.end());
+    for (int k = 0; k < 500; ++k) {
+      const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
+      if (std::hypot(double{keypoint.x_px} - px.x(), double{keypoint.y_px} - px.y()) <= radius_px)
+        expected.push_back(k);
+    }
+    EXPECT_EQ(found, expected);
+  }
+}
+
+TEST(MatchGuided, FindsTheLandmarksThatThePoseShows) {
+  const Rigid3 cam_from_local = Street().CamFromLocal(kPlace, kHeading_deg);
+  const FrameFeatures frame = Street().Frame(cam_from_local, 0.5, 200);
+  const GuidedMatches matches = Search(frame, cam_from_local);
+  EXPECT_GT(matches.num_visible, 100);
+  EXPECT_GE(matches.num_found, matches.num_visible * 9 / 10);
+  EXPECT_LE(matches.num_decoys, matches.num_visible / 20);
+  int num_matches = 0;
+  for (const ViewMatches& view : matches.views) {
+    ASSERT_EQ(view.correspondences.size(), view.keypoint_idx.size());
+    EXPECT_FALSE(view.correspondences.empty());
+    for (std::size_t i = 0; i < view.keypoint_idx.size(); ++i) {
+      const Correspondence& c = view.correspondences[i];
+      EXPECT_EQ(c.bearing_in_cam, frame.bearings[static_cast<std::size_t>(view.keypoint_idx[i])]);
+      // The right keypoint: its noise off the projection, five sigmas of it.
+      const Eigen::Vector3d x_in_cam = cam_from_local * c.point_in_map;
+      EXPECT_LE((x_in_cam.hnormalized() - c.bearing_in_cam).norm() * Street().camera().fx_px,
+                5 * 0.5);
+      ++num_matches;
+    }
+  }
+  EXPECT_EQ(num_matches, matches.num_found);
+}
+
+TEST(MatchGuided, ASmallErrorOfThePoseIsBridged) {
+  const FrameFeatures frame = Street().Frame(Street().CamFromLocal(kPlace, kHeading_deg), 0.5, 200);
+  const GuidedMatches matches = Search(
+      frame,
+      Street().CamFromLocal(kPlace + Eigen::Vector3d(0.05, -0.05, 0.02), kHeading_deg + 0.3));
+  EXPECT_GE(matches.num_found, matches.num_visible * 8 / 10);
+}
+
+TEST(MatchGuided, AWrongPoseFindsNextToNothing) {
+  const FrameFeatures frame = Street().Frame(Street().CamFromLocal(kPlace, kHeading_deg), 0.5, 200);
+  for (const auto& [offset, turn_deg] : {std::pair{Eigen::Vector3d(0, 8, 0), 0.0},
+                                         {Eigen::Vector3d(0, 0, 0), 20.0},
+                                         {Eigen::Vector3d(2, 0, 0), 0.0},
+                                         {Eigen::Vector3d(0, 0, 0), 180.0}}) {
+    const GuidedMatches matches =
+        Search(frame, Street().CamFromLocal(kPlace + offset, kHeading_deg + turn_deg));
+    EXPECT_GT(matches.num_visible, 50);
+    EXPECT_LE(matches.num_found, matches.num_visible / 10) << offset.transpose() << " " << turn_deg;
+  }
+}
+
+TEST(MatchGuided, SizeAndOrientationMustFit) {
+  const Rigid3 cam_from_local = Street().CamFromLocal(kPlace, kHeading_deg);
+  const FrameFeatures good = Street().Frame(cam_from_local, 0.5, 0);
+  FrameFeatures grown = good, turned = good;
+  for (Keypoint& k : grown.sift.keypoints) k.size_px *= 2.5F;
+  for (Keypoint& k : turned.sift.keypoints) k.angle_deg = std::fmod(k.angle_deg + 90, 360.0F);
+  EXPECT_EQ(Search(grown, cam_from_local).num_found, 0);
+  EXPECT_EQ(Search(turned, cam_from_local).num_found, 0);
+}
+
+// A camera that is rolled sees every orientation turned by its roll, and must find them all the
+// same.
+TEST(MatchGuided, ARolledCameraTurnsOrientations) {
+  const Rigid3 upright = Street().CamFromLocal(kPlace, kHeading_deg);
+  for (const double roll_deg : {-30.0, 30.0}) {
+    const Eigen::AngleAxisd roll(-roll_deg * M_PI / 180, Eigen::Vector3d::UnitZ());
+    const Rigid3 rolled = Rigid3(Eigen::Quaterniond(roll), Eigen::Vector3d::Zero()) * upright;
+    FrameFeatures frame = Street().Frame(rolled, 0.5, 0);
+    // In the picture (y down, angles from x towards y) everything turns with the picture.
+    for (Keypoint& k : frame.sift.keypoints) {
+      k.angle_deg = static_cast<float>(std::fmod(double{k.angle_deg} - roll_deg + 360, 360.0));
+    }
+    const GuidedMatches matches = Search(frame, rolled);
+    EXPECT_GE(matches.num_found, matches.num_visible * 9 / 10) << roll_deg;
+  }
+}
+
+TEST(MatchGuided, FarFromAllPanoramasNothingIsVisible) {
+  const Rigid3 far = Street().CamFromLocal({0, 500, 1.5}, 0);
+  const GuidedMatches matches = Search(Street().Frame(far, 0.5, 100), far);
+  EXPECT_EQ(matches.num_visible, 0);
+  EXPECT_TRUE(matches.views.empty());
+}
+
+TEST(MatchGuided, AFrameWithoutFeatures) {
+  const GuidedMatches matches = Search({}, Street().CamFromLocal(kPlace, kHeading_deg));
+  EXPECT_GT(matches.num_visible, 100);
+  EXPECT_EQ(matches.num_found, 0);
+  EXPECT_EQ(matches.num_decoys, 0);
+}
+
+}  // namespace
+}  // namespace panofix
