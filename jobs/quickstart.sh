@@ -13,7 +13,7 @@ birdseye.svg (the drive over the map) and one log a step.
   --seed N       another town (default 7)
   --panoramas N  panoramas along its streets (default 14)
   --frames N     camera frames of the drive (default 25)
-  --rate HZ      frames a second that the camera publishes (default 2)
+  --rate HZ      frames a second that the camera publishes (default 1)
   --keep         go on from what an earlier run left: the map's build resumes instead of starting anew
 TEXT
 }
@@ -28,7 +28,7 @@ number() {  # OPTION VALUE: the value, if it is a positive number
   echo "$2"
 }
 
-seed=7 num_panoramas=14 num_frames=25 rate_hz=2 keep=false
+seed=7 num_panoramas=14 num_frames=25 rate_hz=1 keep=false
 while [ $# -gt 0 ]; do
   case "$1" in
     --seed) seed=$(number "$@"); shift 2 ;;

@@ -200,10 +200,17 @@ BundleView ToBundleView(const ViewFeatureSet& view, int max_features) {
   return out;
 }
 
-// All contents that a build's result depends on, as one hash: the keys of its panoramas in order.
+// All contents that a build's result depends on, as one hash: in bundle order, each panorama's extraction
+// key, pose and links.
 std::string DataSetHash(const std::vector<ExtractedPanorama>& panoramas) {
   Sha256 hash;
-  for (const ExtractedPanorama& p : panoramas) hash.Update(p.content_key + "\n");
+  for (const ExtractedPanorama& p : panoramas) {
+    const PanoramaRecord& r = p.record;
+    hash.Update(p.content_key + Format("\n%.17g %.17g %.17g %.17g %.17g %.17g\n", r.position.lat_deg,
+                                       r.position.lon_deg, r.position.height_m, r.attitude.heading_deg,
+                                       r.attitude.pitch_deg, r.attitude.roll_deg));
+    for (const std::string& link : r.links) hash.Update(link + "\n");
+  }
   return hash.FinishHex();
 }
 
@@ -237,6 +244,7 @@ RunReport Build(const BuildOptions& options) {
   options.Check();
   const int threads = options.num_threads > 0 ? options.num_threads : static_cast<int>(std::thread::hardware_concurrency());
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+  ThrowIfError(CheckParentIsWritable(options.out, "--out"));
   RunReport report;
   const Camera camera = ValueOrThrow(ReadCameraYaml(options.camera));
   StageTimer ingest_timer(&report, "ingest", "panoramas");

@@ -7,6 +7,8 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <unistd.h>
+
 #include <string>
 
 #include "common/base/log.h"
@@ -165,6 +167,20 @@ Status PublishDirectory(const fs::path& staged_folder, const fs::path& target_fo
   if (error) {
     return {ErrorCode::kIo, staged.string() + ": the replaced folder cannot be removed (" +
                                 error.message() + "); remove it by hand"};
+  }
+  return {};
+}
+
+Status CheckParentIsWritable(const std::filesystem::path& path, const std::string& option) {
+  std::filesystem::path folder = std::filesystem::absolute(path).lexically_normal().parent_path();
+  // Folders that are missing are made later; what matters is the first that is there.
+  std::error_code ignored;
+  while (!std::filesystem::exists(folder, ignored) && folder.has_relative_path()) folder = folder.parent_path();
+  if (!std::filesystem::is_directory(folder, ignored)) {
+    return {ErrorCode::kIo, folder.string() + ": not a folder; choose another " + option};
+  }
+  if (::access(folder.c_str(), W_OK | X_OK) != 0) {
+    return {ErrorCode::kIo, folder.string() + ": not writable for this user; choose another " + option};
   }
   return {};
 }

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "common/base/status.h"
@@ -18,6 +19,10 @@ namespace panofix {
 
 // Flushes a finished file (or folder) to disk.
 [[nodiscard]] Status SyncPath(const std::filesystem::path& path);
+
+// Whether something can be made beside `path`: asked before long work whose result goes there. The
+// message names the folder and `option`.
+[[nodiscard]] Status CheckParentIsWritable(const std::filesystem::path& path, const std::string& option);
 
 // Puts the finished folder `staged` in the place of `target` by one rename: a target that exists is
 // exchanged in one step (renameat2 RENAME_EXCHANGE) and then removed, so that a reader sees the old

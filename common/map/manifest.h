@@ -37,7 +37,7 @@ struct MapErrors {
 
 struct Provenance {
   std::string source, licence, height_datum = "ellipsoid";
-  std::string data_set_sha256;  // of the panoramas' extraction keys in bundle order (schemas/bundle.md)
+  std::string data_set_sha256;  // of the panoramas' files, poses and links (schemas/bundle.md)
   std::string options;          // the builder's options as JSON text
 };
 

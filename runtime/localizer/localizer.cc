@@ -183,7 +183,8 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
     const RetrievalResult retrieved = windowed ? retrieval.Windowed(bag, last_views, kWindowedViews)
                                                : retrieval.Global(bag, kGlobalViews);
     result->latency.retrieval_ms += watch.Lap();
-    result->num_compared += retrieved.num_compared;
+    // Distinct views: a window lies within the whole map.
+    result->num_compared = std::max(result->num_compared, retrieved.num_compared);
     if (retrieved.views.empty()) {
       result->reason = "nothing_similar";
       continue;

@@ -1,5 +1,7 @@
 #include "runtime/pose/guided_matching.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -199,10 +201,20 @@ GuidedMatches MatchGuided(const FrameFeatures& frame, const KeypointGrid& grid,
   const Search search{frame, grid, camera, options, cam_from_local, covariance};
   const auto per_panorama =
       static_cast<std::uint32_t>(bundle.views().size() / bundle.panoramas().size());
+  std::vector<std::uint32_t> views;
   for (const std::uint32_t p :
        NearPanoramas(bundle, local, cam_from_local.Inverse().translation, options)) {
-    for (std::uint32_t v = 0; v < per_panorama; ++v)
-      SearchView(search, bundle, p * per_panorama + v, local, &result);
+    for (std::uint32_t v = 0; v < per_panorama; ++v) views.push_back(p * per_panorama + v);
+  }
+  // A slot a view, folded in order: the same matches for any number of threads.
+  std::vector<GuidedMatches> parts(views.size());
+  tbb::parallel_for(std::size_t{0}, views.size(),
+                    [&](std::size_t i) { SearchView(search, bundle, views[i], local, &parts[i]); });
+  for (GuidedMatches& part : parts) {
+    result.num_visible += part.num_visible;
+    result.num_found += part.num_found;
+    result.num_decoys += part.num_decoys;
+    for (ViewMatches& view : part.views) result.views.push_back(std::move(view));
   }
   return result;
 }

@@ -1,6 +1,9 @@
 #include "runtime/pose/pose_estimator.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
 
 #include "common/base/log.h"
@@ -13,18 +16,23 @@ namespace {
 // A pose a view that reaches consensus, and one of all views together.
 std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, const MatchPool& pool,
                                        double focal_px, const PoseOptions& options) {
-  std::vector<Hypothesis> hypotheses;
-  RansacOptions ransac = options.ransac;
-  const auto add = [&](const std::vector<Correspondence>& matches) {
-    const RansacResult result = EstimatePoseRansac(matches, ransac);
-    if (!result.success || static_cast<int>(result.inliers.size()) < options.min_view_inliers)
+  std::vector<std::optional<Hypothesis>> found(views.size() + 1);
+  tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t i) {
+    const bool all = i == views.size();
+    RansacOptions ransac = options.ransac;
+    if (all) ransac.minimal_solver = MinimalSolver::kP3p;
+    const RansacResult result =
+        EstimatePoseRansac(all ? pool.matches : views[i].correspondences, ransac);
+    if (!result.success || static_cast<int>(result.inliers.size()) < options.min_view_inliers) {
       return;
-    hypotheses.push_back(
-        {result.cam_from_map, CountKeypoints(pool, result.cam_from_map, focal_px)});
-  };
-  for (const ViewMatches& view : views) add(view.correspondences);
-  ransac.minimal_solver = MinimalSolver::kP3p;
-  add(pool.matches);
+    }
+    found[i] =
+        Hypothesis{result.cam_from_map, CountKeypoints(pool, result.cam_from_map, focal_px)};
+  });
+  std::vector<Hypothesis> hypotheses;
+  for (const auto& hypothesis : found) {
+    if (hypothesis) hypotheses.push_back(*hypothesis);
+  }
   return hypotheses;
 }
 
@@ -85,7 +93,10 @@ PoseOutcome FindBest(const std::vector<ViewMatches>& views, const std::vector<Ri
       best = outcome;
     }
   };
-  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) consider(hypothesis);
+  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) {
+    consider(hypothesis);
+    if (best.trusted && best.over_chance >= options.sure_over_chance) break;
+  }
   for (std::size_t i = 0; i < predictions.size() && options.use_guided && !best.trusted; ++i) {
     consider({predictions[i], 0});
   }

@@ -151,6 +151,10 @@ TEST_F(ReproducibleBuild, AMovedPanoramaChangesTheGraphAlone) {
     const bool names_poses = path == "graph.h5" || path.starts_with("manifest.json");
     EXPECT_EQ(moved.at(path) != bytes, names_poses) << path;
   }
+  const auto hash_of = [](const Files& files) {
+    return Json::parse(files.at("manifest.json"))["provenance"]["data_set_sha256"].get<std::string>();
+  };
+  EXPECT_NE(hash_of(moved), hash_of(reference_));
 }
 
 TEST_F(ReproducibleBuild, AnotherSeedTrainsAnotherVocabulary) {

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "common/base/rng.h"
-#include "runtime/pose/pose_estimator.h"
+#include "runtime/pose/candidate.h"
 
 namespace panofix {
 namespace {
