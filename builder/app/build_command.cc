@@ -31,49 +31,81 @@ Command AddBuildCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand("build", "Build a map bundle from panoramas");
   command->add_option("--panoramas", o->panoramas, "panoramas.geojson or .geojsonl")->required();
   command->add_option("--camera", o->camera, "camera.yaml of the vehicle's camera")->required();
-  command->add_option("--out", o->out, "folder of the bundle; one that is there is replaced in one step")->required();
-  command->add_option("--work", o->work, "intermediate files, reused by the next build (default: OUT.work)");
+  command
+      ->add_option("--out", o->out,
+                   "folder of the bundle; one that is there is replaced in one step")
+      ->required();
+  command->add_option("--work", o->work,
+                      "intermediate files, reused by the next build (default: OUT.work)");
   command->add_option("--name", o->name, "name of the bundle (default: the out folder's name)");
   command->add_option("--build", o->build, "build number, which only grows")->capture_default_str();
-  command->add_option("--preset", *preset, "default, or paper: the published method")->capture_default_str();
-  command->add_option("--map-frame", o->map_frame, "tangent (cone at the data's centroid) or a grid: EPSG:2154")
+  command->add_option("--preset", *preset, "default, or paper: the published method")
       ->capture_default_str();
-  command->add_option("--views", o->num_views, "rectilinear views a panorama")->capture_default_str();
-  command->add_option("--view-pitch-deg", o->view_pitch_deg, "their pitch, up positive")->capture_default_str();
+  command
+      ->add_option("--map-frame", o->map_frame,
+                   "tangent (cone at the data's centroid) or a grid: EPSG:2154")
+      ->capture_default_str();
+  command->add_option("--views", o->num_views, "rectilinear views a panorama")
+      ->capture_default_str();
+  command->add_option("--view-pitch-deg", o->view_pitch_deg, "their pitch, up positive")
+      ->capture_default_str();
   command->add_option("--equalization", *equalization, "none, global or clahe (default clahe)");
-  command->add_option("--max-sift", o->extract.features.max_sift, "SIFT features looked at a view")->capture_default_str();
-  command->add_option("--sift-contrast-threshold", o->extract.features.sift_contrast_threshold,
-                      "lower finds more and weaker features")
+  command->add_option("--max-sift", o->extract.features.max_sift, "SIFT features looked at a view")
       ->capture_default_str();
-  command->add_option("--max-features", o->max_features, "features stored a view: the bundle's size")->capture_default_str();
-  command->add_option("--sift-words", o->num_sift_words, "visual words of SIFT features")->capture_default_str();
-  command->add_option("--mser-words", o->num_mser_words, "visual words of MSER regions")->capture_default_str();
-  command->add_option("--similar", o->similarity.num_similar, "r of the similarity index: similar views kept a view")
+  command
+      ->add_option("--sift-contrast-threshold", o->extract.features.sift_contrast_threshold,
+                   "lower finds more and weaker features")
       ->capture_default_str();
-  command->add_option("--dist-max", o->similarity.dist_max, "appearance radius in view index steps (paper: 48 or 64)")
+  command
+      ->add_option("--max-features", o->max_features, "features stored a view: the bundle's size")
       ->capture_default_str();
-  command->add_option("--range-sigma-share", o->extract.errors.range_sigma_share, "depth error as a share of the range, 1 sigma")
+  command->add_option("--sift-words", o->num_sift_words, "visual words of SIFT features")
       ->capture_default_str();
-  command->add_option("--geotag-sigma-m", o->extract.errors.panorama_position_sigma_m, "error of the panoramas' positions, 1 sigma")
+  command->add_option("--mser-words", o->num_mser_words, "visual words of MSER regions")
       ->capture_default_str();
-  command->add_option("--heading-sigma-deg", o->extract.errors.panorama_heading_sigma_deg, "error of the panoramas' headings, 1 sigma")
+  command
+      ->add_option("--similar", o->similarity.num_similar,
+                   "r of the similarity index: similar views kept a view")
       ->capture_default_str();
-  command->add_option("--max-set-aside-share", o->max_set_aside_share, "more unusable panoramas than this fail the build")
+  command
+      ->add_option("--dist-max", o->similarity.dist_max,
+                   "appearance radius in view index steps (paper: 48 or 64)")
       ->capture_default_str();
-  command->add_option("--threads", o->num_threads, "processors to use; 0 = all")->capture_default_str();
-  command->add_option("--seed", o->seed, "seed of the training; same inputs, same bytes")->capture_default_str();
+  command
+      ->add_option("--range-sigma-share", o->extract.errors.range_sigma_share,
+                   "depth error as a share of the range, 1 sigma")
+      ->capture_default_str();
+  command
+      ->add_option("--geotag-sigma-m", o->extract.errors.panorama_position_sigma_m,
+                   "error of the panoramas' positions, 1 sigma")
+      ->capture_default_str();
+  command
+      ->add_option("--heading-sigma-deg", o->extract.errors.panorama_heading_sigma_deg,
+                   "error of the panoramas' headings, 1 sigma")
+      ->capture_default_str();
+  command
+      ->add_option("--max-set-aside-share", o->max_set_aside_share,
+                   "more unusable panoramas than this fail the build")
+      ->capture_default_str();
+  command->add_option("--threads", o->num_threads, "processors to use; 0 = all")
+      ->capture_default_str();
+  command->add_option("--seed", o->seed, "seed of the training; same inputs, same bytes")
+      ->capture_default_str();
   return [=] {
     if (*preset == "paper") {
       ApplyPaperPreset(*command, o.get());
     } else if (*preset != "default") {
-      throw Error(ErrorCode::kInvalidArgument, "--preset " + *preset + ": unknown; use default or paper");
+      throw Error(ErrorCode::kInvalidArgument,
+                  "--preset " + *preset + ": unknown; use default or paper");
     }
-    if (!equalization->empty()) o->extract.features.equalization = ValueOrThrow(ParseEqualization(*equalization));
+    if (!equalization->empty())
+      o->extract.features.equalization = ValueOrThrow(ParseEqualization(*equalization));
     // "map/" is "map": what lies beside the bundle (its work folder, its report) takes its name.
     if (!o->out.has_filename()) o->out = o->out.parent_path();
     const RunReport report = Build(*o);
     std::fputs(report.ToTable().c_str(), stdout);
-    std::printf("bundle %s is ready; see it with: panofix-builder inspect %s\n", o->out.c_str(), o->out.c_str());
+    std::printf("bundle %s is ready; see it with: panofix-builder inspect %s\n", o->out.c_str(),
+                o->out.c_str());
     return 0;
   };
 }

@@ -20,9 +20,13 @@ struct Gate {
   double min_fix = 0, min_within_1m = 0.5;
   double max_false_fixes = 0;
   void AddOptions(CLI::App* command) {
-    command->add_option("--min-fix-share", min_fix, "least share of frames with a fix")->capture_default_str();
-    command->add_option("--min-share-1m", min_within_1m, "least share of frames within (1 m, 5 deg)")->capture_default_str();
-    command->add_option("--max-false-fix-share", max_false_fixes, "largest share of false fixes")->capture_default_str();
+    command->add_option("--min-fix-share", min_fix, "least share of frames with a fix")
+        ->capture_default_str();
+    command
+        ->add_option("--min-share-1m", min_within_1m, "least share of frames within (1 m, 5 deg)")
+        ->capture_default_str();
+    command->add_option("--max-false-fix-share", max_false_fixes, "largest share of false fixes")
+        ->capture_default_str();
   }
   // Prints a line a broken threshold; true where all hold.
   [[nodiscard]] bool Holds(const ScoreTable& table) const {
@@ -33,11 +37,16 @@ struct Gate {
     };
     const double fix = table.Share(table.num_fixes), within = table.Share(table.num_within[2]);
     const double false_fixes = table.Share(table.num_false_fixes);
-    require(fix >= min_fix, Format("%.3f of the frames have a fix, %.3f are wanted (--min-fix-share)", fix, min_fix));
-    require(within >= min_within_1m, Format("%.3f of the frames lie within (1 m, 5 deg), %.3f are wanted (--min-share-1m)",
-                                            within, min_within_1m));
-    require(false_fixes <= max_false_fixes, Format("%.3f of the frames are false fixes, %.3f are allowed "
-                                                   "(--max-false-fix-share)", false_fixes, max_false_fixes));
+    require(
+        fix >= min_fix,
+        Format("%.3f of the frames have a fix, %.3f are wanted (--min-fix-share)", fix, min_fix));
+    require(within >= min_within_1m,
+            Format("%.3f of the frames lie within (1 m, 5 deg), %.3f are wanted (--min-share-1m)",
+                   within, min_within_1m));
+    require(false_fixes <= max_false_fixes,
+            Format("%.3f of the frames are false fixes, %.3f are allowed "
+                   "(--max-false-fix-share)",
+                   false_fixes, max_false_fixes));
     return holds;
   }
 };
@@ -47,17 +56,19 @@ double MbPerKm(const MapBundle& bundle) {
   return length_m > 0 ? static_cast<double>(BundleBytes(bundle)) / 1e6 / (length_m / 1000) : 0.0;
 }
 
-void Deliver(const ScoreTable& table, const fs::path& json, const fs::path& picture, const MapBundle& bundle,
-             const Drive& drive, const std::vector<PoseRow>& poses) {
+void Deliver(const ScoreTable& table, const fs::path& json, const fs::path& picture,
+             const MapBundle& bundle, const Drive& drive, const std::vector<PoseRow>& poses) {
   std::fputs(table.ToText().c_str(), stdout);
   if (!json.empty()) ThrowIfError(WriteFileAtomically(json, table.ToJson()));
-  if (!picture.empty()) ThrowIfError(WriteFileAtomically(picture, BirdsEyeSvg(bundle, drive, poses)));
+  if (!picture.empty())
+    ThrowIfError(WriteFileAtomically(picture, BirdsEyeSvg(bundle, drive, poses)));
 }
 
 Drive ReadDriveWithTruth(const fs::path& folder) {
   Drive drive = ValueOrThrow(ReadDrive(folder));
   if (drive.truth.empty()) {
-    throw Error(ErrorCode::kNotFound, (folder / "truth.csv").string() + ": not there or empty; a score needs the truth");
+    throw Error(ErrorCode::kNotFound,
+                (folder / "truth.csv").string() + ": not there or empty; a score needs the truth");
   }
   return drive;
 }
@@ -70,7 +81,8 @@ Command AddInspectCommand(CLI::App* app) {
     bool json = false;
   };
   auto o = std::make_shared<Options>();
-  CLI::App* command = app->add_subcommand("inspect", "Say what a bundle is: versions, provenance, counts, size, coverage");
+  CLI::App* command = app->add_subcommand(
+      "inspect", "Say what a bundle is: versions, provenance, counts, size, coverage");
   command->add_option("bundle", o->bundle, "the bundle's folder")->required();
   command->add_flag("--json", o->json, "as JSON");
   return [=] {
@@ -87,14 +99,18 @@ Command AddValidateCommand(CLI::App* app) {
     Gate gate;
   };
   auto o = std::make_shared<Options>();
-  CLI::App* command = app->add_subcommand("validate", "Replay a drive with truth through the runtime and score it");
+  CLI::App* command =
+      app->add_subcommand("validate", "Replay a drive with truth through the runtime and score it");
   command->add_option("bundle", o->bundle, "the bundle's folder")->required();
-  command->add_option("--drive", o->drive, "folder with frames.csv, camera.yaml and truth.csv")->required();
+  command->add_option("--drive", o->drive, "folder with frames.csv, camera.yaml and truth.csv")
+      ->required();
   command->add_option("--json", o->json, "also write the score as JSON");
   command->add_option("--poses", o->poses, "also keep the poses as CSV");
   command->add_option("--picture", o->picture, "also draw a bird's-eye view as SVG");
-  command->add_option("--preset", o->preset, "the runtime's preset: default or paper")->capture_default_str();
-  command->add_option("--runtime", o->runtime, "panofix-runtime to use (default: beside this program, or in PATH)");
+  command->add_option("--preset", o->preset, "the runtime's preset: default or paper")
+      ->capture_default_str();
+  command->add_option("--runtime", o->runtime,
+                      "panofix-runtime to use (default: beside this program, or in PATH)");
   o->gate.AddOptions(command);
   return [=] {
     const Drive drive = ReadDriveWithTruth(o->drive);
@@ -115,9 +131,11 @@ Command AddScoreCommand(CLI::App* app) {
     fs::path poses, drive, bundle, log, json, picture;
   };
   auto o = std::make_shared<Options>();
-  CLI::App* command = app->add_subcommand("score", "Score a poses.csv that a runtime wrote against a drive's truth");
+  CLI::App* command = app->add_subcommand(
+      "score", "Score a poses.csv that a runtime wrote against a drive's truth");
   command->add_option("--poses", o->poses, "poses.csv")->required();
-  command->add_option("--drive", o->drive, "folder with frames.csv, camera.yaml and truth.csv")->required();
+  command->add_option("--drive", o->drive, "folder with frames.csv, camera.yaml and truth.csv")
+      ->required();
   command->add_option("--bundle", o->bundle, "the bundle's folder")->required();
   command->add_option("--log", o->log, "the runtime's log, for latency and comparisons");
   command->add_option("--json", o->json, "also write the score as JSON");

@@ -28,19 +28,23 @@ int Dispatch(int argc, char** argv) {
   app.set_version_flag("--version", "panofix-builder " PANOFIX_VERSION);
   app.require_subcommand(1);
   std::string log_level = "info";
-  app.add_option("--log-level", log_level, "debug, info, warning, error or off")->capture_default_str();
-  const panofix::Command commands[] = {panofix::AddBuildCommand(&app), panofix::AddInspectCommand(&app),
-                                       panofix::AddValidateCommand(&app), panofix::AddScoreCommand(&app),
-                                       panofix::AddDepthCommand(&app)};
+  app.add_option("--log-level", log_level, "debug, info, warning, error or off")
+      ->capture_default_str();
+  const panofix::Command commands[] = {
+      panofix::AddBuildCommand(&app), panofix::AddInspectCommand(&app),
+      panofix::AddValidateCommand(&app), panofix::AddScoreCommand(&app),
+      panofix::AddDepthCommand(&app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    throw panofix::Error(ErrorCode::kInvalidArgument, std::string(error.what()) + "; see panofix-builder --help");
+    throw panofix::Error(ErrorCode::kInvalidArgument,
+                         std::string(error.what()) + "; see panofix-builder --help");
   }
   if (!panofix::SetLogLevel(log_level)) {
-    throw panofix::Error(ErrorCode::kInvalidArgument,
-                         "--log-level " + log_level + ": unknown; use debug, info, warning, error or off");
+    throw panofix::Error(
+        ErrorCode::kInvalidArgument,
+        "--log-level " + log_level + ": unknown; use debug, info, warning, error or off");
   }
   panofix::InstallCancelHandlers();
   const auto subcommands = app.get_subcommands({});

@@ -23,7 +23,8 @@ Result<FeatureSet> ReadSet(const Hdf5Reader& file, const std::string& group) {
   if (!keypoints.ok()) return keypoints.status();
   const auto descriptors = file.Read<std::uint8_t>(group + "/descriptors", kDescriptorSize);
   if (!descriptors.ok()) return descriptors.status();
-  if (keypoints->rows != descriptors->rows) return Status(ErrorCode::kBadData, group + ": rows disagree");
+  if (keypoints->rows != descriptors->rows)
+    return Status(ErrorCode::kBadData, group + ": rows disagree");
   FeatureSet set;
   for (std::int64_t i = 0; i < keypoints->rows; ++i) {
     const float* v = &keypoints->values[static_cast<std::size_t>(i) * 5];
@@ -61,8 +62,8 @@ void WritePanoramaFeatures(const std::filesystem::path& path, const PanoramaFeat
       std::vector<float> points;
       std::vector<std::uint8_t> surfaces;
       for (const SurfacePoint& p : features.views[v].points) {
-        points.insert(points.end(),
-                      {p.point_in_pano.x(), p.point_in_pano.y(), p.point_in_pano.z(), p.range_sigma_m});
+        points.insert(points.end(), {p.point_in_pano.x(), p.point_in_pano.y(), p.point_in_pano.z(),
+                                     p.range_sigma_m});
         surfaces.push_back(p.surface_idx);
       }
       file.Write<std::uint8_t>(group + "/surfaces", surfaces);
@@ -73,7 +74,9 @@ void WritePanoramaFeatures(const std::filesystem::path& path, const PanoramaFeat
   ThrowIfError(SyncPath(aside));
   std::error_code error;
   std::filesystem::rename(aside, path, error);
-  if (error) throw Error(ErrorCode::kIo, path.string() + ": cannot be renamed into place: " + error.message());
+  if (error)
+    throw Error(ErrorCode::kIo,
+                path.string() + ": cannot be renamed into place: " + error.message());
 }
 
 Result<PanoramaFeatures> ReadPanoramaFeatures(const std::filesystem::path& path) {
@@ -84,7 +87,8 @@ Result<PanoramaFeatures> ReadPanoramaFeatures(const std::filesystem::path& path)
   const auto num_views = file->ReadIntAttribute("num_views");
   auto fault = file->ReadStringAttribute("depth_fault");
   if (!has_depth.ok() || !num_views.ok() || !fault.ok()) {
-    return Status(ErrorCode::kBadData, path.string() + ": attributes are missing; delete it and build again");
+    return Status(ErrorCode::kBadData,
+                  path.string() + ": attributes are missing; delete it and build again");
   }
   features.has_depth = *has_depth != 0;
   features.depth_fault = std::move(fault).value();
@@ -105,8 +109,10 @@ Result<PanoramaFeatures> ReadPanoramaFeatures(const std::filesystem::path& path)
     ViewFeatureSet set{std::move(sift).value(), {}, std::move(mser).value()};
     const auto surfaces = file->Read<std::uint8_t>(group + "/surfaces");
     if (!surfaces.ok()) return surfaces.status();
-    if (surfaces->rows != points->rows || points->rows != static_cast<std::int64_t>(set.sift.size())) {
-      return Status(ErrorCode::kBadData, path.string() + ": rows disagree; delete it and build again");
+    if (surfaces->rows != points->rows ||
+        points->rows != static_cast<std::int64_t>(set.sift.size())) {
+      return Status(ErrorCode::kBadData,
+                    path.string() + ": rows disagree; delete it and build again");
     }
     for (std::size_t i = 0; i < set.sift.size(); ++i) {
       const float* p = &points->values[4 * i];

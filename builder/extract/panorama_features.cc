@@ -29,7 +29,8 @@ double EdgeStep_m(const DepthMap& depth, const Eigen::Vector3d& ray, const Depth
       const auto other = depth.Cast(beside);
       if (!other) continue;  // the sky behind an edge is no rival surface
       // Range that the hit's own plane would have there.
-      const double same_m = hit.range_m * hit.normal_in_pano.dot(ray) / hit.normal_in_pano.dot(beside);
+      const double same_m =
+          hit.range_m * hit.normal_in_pano.dot(ray) / hit.normal_in_pano.dot(beside);
       if (std::isfinite(same_m)) step_m = std::max(step_m, std::abs(other->range_m - same_m));
     }
   }
@@ -38,7 +39,8 @@ double EdgeStep_m(const DepthMap& depth, const Eigen::Vector3d& ray, const Depth
 
 bool IsMasked(const GrayImage& mask, const Keypoint& keypoint) {
   if (mask.empty()) return false;
-  const int x = static_cast<int>(std::lround(keypoint.x_px)), y = static_cast<int>(std::lround(keypoint.y_px));
+  const int x = static_cast<int>(std::lround(keypoint.x_px)),
+            y = static_cast<int>(std::lround(keypoint.y_px));
   if (x < 0 || y < 0 || x >= mask.width_px || y >= mask.height_px) return false;
   return mask.pixels[static_cast<std::size_t>(y) * static_cast<std::size_t>(mask.width_px) +
                      static_cast<std::size_t>(x)] != 0;
@@ -62,7 +64,8 @@ Result<GrayImage> ReadMask(const PanoramaRecord& record) {
   auto bytes = ReadFileBytes(record.mask, kMaxMaskBytes);
   if (!bytes.ok()) return bytes.status();
   auto mask = DecodeGray(*bytes);
-  if (!mask.ok()) return Status(mask.status().code(), record.mask.string() + ": " + mask.status().message());
+  if (!mask.ok())
+    return Status(mask.status().code(), record.mask.string() + ": " + mask.status().message());
   return mask;
 }
 
@@ -74,7 +77,8 @@ std::optional<DepthMap> ReadUsableDepth(const PanoramaRecord& record, PanoramaFe
     return std::nullopt;
   }
   if (depth->is_placeholder()) {
-    result->depth_fault = record.depth.string() + ": a placeholder of at most 2 planes, no measurement";
+    result->depth_fault =
+        record.depth.string() + ": a placeholder of at most 2 planes, no measurement";
     return std::nullopt;
   }
   result->has_depth = true;
@@ -92,11 +96,13 @@ void ExtractOptions::Check() const {
   require(max_range_m > 1, Format("max_range_m = %g; must be above 1", max_range_m));
   require(max_incidence_deg > 0 && max_incidence_deg < 90,
           Format("max_incidence_deg = %g; must lie in (0, 90)", max_incidence_deg));
-  require(errors.range_sigma_share >= 0 && errors.relief_sigma_m >= 0 && errors.normal_sigma_deg >= 0,
-          "map errors must not be negative");
+  require(
+      errors.range_sigma_share >= 0 && errors.relief_sigma_m >= 0 && errors.normal_sigma_deg >= 0,
+      "map errors must not be negative");
 }
 
-std::optional<SurfacePoint> PointOnSurface(const DepthMap& depth, const Eigen::Vector3d& ray_in_pano,
+std::optional<SurfacePoint> PointOnSurface(const DepthMap& depth,
+                                           const Eigen::Vector3d& ray_in_pano,
                                            const ExtractOptions& options) {
   const auto hit = depth.Cast(ray_in_pano);
   if (!hit || !(hit->range_m > 0.3) || hit->range_m > options.max_range_m) return std::nullopt;
@@ -104,11 +110,13 @@ std::optional<SurfacePoint> PointOnSurface(const DepthMap& depth, const Eigen::V
   if (cosine < std::cos(options.max_incidence_deg * kRadPerDeg)) return std::nullopt;
   const double tangent = std::sqrt(std::max(0.0, 1 - cosine * cosine)) / cosine;
   const double from_distance_m = options.errors.range_sigma_share * hit->range_m;
-  const double from_normal_m = hit->range_m * tangent * options.errors.normal_sigma_deg * kRadPerDeg;
+  const double from_normal_m =
+      hit->range_m * tangent * options.errors.normal_sigma_deg * kRadPerDeg;
   const double from_relief_m = options.errors.relief_sigma_m / cosine;
   const double from_edge_m = 0.5 * EdgeStep_m(depth, ray_in_pano, *hit);
-  const double sigma_m = std::sqrt(from_distance_m * from_distance_m + from_normal_m * from_normal_m +
-                                   from_relief_m * from_relief_m + from_edge_m * from_edge_m);
+  const double sigma_m =
+      std::sqrt(from_distance_m * from_distance_m + from_normal_m * from_normal_m +
+                from_relief_m * from_relief_m + from_edge_m * from_edge_m);
   SurfacePoint point;
   point.point_in_pano = (hit->range_m * ray_in_pano).cast<float>();
   point.surface_idx = static_cast<std::uint8_t>(hit->surface_idx);
@@ -134,7 +142,8 @@ Result<PanoramaFeatures> ExtractPanorama(const PanoramaRecord& record, const Rec
     set.sift = Unmasked(ExtractSift(view, options.features), view_mask);
     set.mser = Unmasked(ExtractMser(view, options.features), view_mask);
     set.points.resize(set.sift.size());
-    const Eigen::Matrix3d pano_from_cam = PanoFromCam(rectifier.directions()[static_cast<std::size_t>(v)]);
+    const Eigen::Matrix3d pano_from_cam =
+        PanoFromCam(rectifier.directions()[static_cast<std::size_t>(v)]);
     for (std::size_t i = 0; depth && i < set.sift.size(); ++i) {
       const Keypoint& k = set.sift.keypoints[i];
       const Eigen::Vector2d n = rectifier.camera().Normalize({double{k.x_px}, double{k.y_px}});

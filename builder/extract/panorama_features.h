@@ -29,27 +29,30 @@ struct ViewFeatureSet {
 
 struct PanoramaFeatures {
   bool has_depth = false;
-  std::vector<DepthPlane> planes;  // by surface index; empty for a raster
-  std::string depth_fault;  // why not, where a depth file is given but unusable
+  std::vector<DepthPlane> planes;     // by surface index; empty for a raster
+  std::string depth_fault;            // why not, where a depth file is given but unusable
   std::vector<ViewFeatureSet> views;  // one a direction of the rectifier
 };
 
 struct ExtractOptions {
   FeatureOptions features;
   MapErrors errors;
-  double max_range_m = 80;     // points beyond hold no position
-  double max_incidence_deg = 84;  // of the ray to the surface normal; beyond, a plane's error explodes
-  void Check() const;          // throws std::invalid_argument
+  double max_range_m = 80;  // points beyond hold no position
+  double max_incidence_deg =
+      84;              // of the ray to the surface normal; beyond, a plane's error explodes
+  void Check() const;  // throws std::invalid_argument
 };
 
-// The point under a view's pixel with its range sigma: plane distance and direction errors, relief off
-// the plane, and the step at a depth edge within one depth pixel. nullopt: no surface, too far, oblique.
+// The point under a view's pixel with its range sigma: plane distance and direction errors, relief
+// off the plane, and the step at a depth edge within one depth pixel. nullopt: no surface, too far,
+// oblique.
 [[nodiscard]] std::optional<SurfacePoint> PointOnSurface(const DepthMap& depth,
                                                          const Eigen::Vector3d& ray_in_pano,
                                                          const ExtractOptions& options);
 
-// Decodes, cuts, equalises and describes one panorama. Fails (to be set aside) on an unreadable image
-// or one that is not 2:1; an unusable depth file leaves a panorama without points. Thread-safe.
+// Decodes, cuts, equalises and describes one panorama. Fails (to be set aside) on an unreadable
+// image or one that is not 2:1; an unusable depth file leaves a panorama without points.
+// Thread-safe.
 [[nodiscard]] Result<PanoramaFeatures> ExtractPanorama(const PanoramaRecord& record,
                                                        const Rectifier& rectifier,
                                                        const ExtractOptions& options);

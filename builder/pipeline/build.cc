@@ -39,7 +39,8 @@ class StageTimer {
     stage_.unit = std::move(unit);
   }
   void Done(std::size_t num_items, std::size_t num_reused = 0) {
-    stage_.duration_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    stage_.duration_s =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
     stage_.num_items = static_cast<std::int64_t>(num_items);
     stage_.num_reused = static_cast<std::int64_t>(num_reused);
     report_->stages.push_back(stage_);
@@ -58,7 +59,8 @@ void StopIfCancelled() {
 }
 
 Geodetic Centroid(const std::vector<PanoramaRecord>& panoramas) {
-  // Longitudes are averaged around the first one, so that a set across the date line stays together.
+  // Longitudes are averaged around the first one, so that a set across the date line stays
+  // together.
   Geodetic mean;
   double lon_offset_deg = 0;
   const double lon0_deg = panoramas.front().position.lon_deg;
@@ -80,7 +82,8 @@ MapFrame ChooseFrame(const BuildOptions& options, const std::vector<PanoramaReco
 }
 
 // Panoramas of the map in bundle order, with poses in map and links by index.
-std::vector<MapPanorama> PlacePanoramas(const std::vector<PanoramaRecord>& records, const MapFrame& frame) {
+std::vector<MapPanorama> PlacePanoramas(const std::vector<PanoramaRecord>& records,
+                                        const MapFrame& frame) {
   std::map<std::string, std::uint32_t> index_of;
   for (std::uint32_t i = 0; i < records.size(); ++i) index_of[records[i].id] = i;
   std::vector<MapPanorama> placed;
@@ -93,7 +96,8 @@ std::vector<MapPanorama> PlacePanoramas(const std::vector<PanoramaRecord>& recor
     p.point_scale = frame.PointScale(record.position);
     placed.push_back(std::move(p));
   }
-  // A link holds both ways, whichever end states it; unknown ids (set aside, or beyond the data set) fall.
+  // A link holds both ways, whichever end states it; unknown ids (set aside, or beyond the data
+  // set) fall.
   std::vector<std::set<std::uint32_t>> links(records.size());
   for (std::uint32_t i = 0; i < records.size(); ++i) {
     for (const std::string& id : records[i].links) {
@@ -103,7 +107,8 @@ std::vector<MapPanorama> PlacePanoramas(const std::vector<PanoramaRecord>& recor
       links[found->second].insert(i);
     }
   }
-  for (std::size_t i = 0; i < links.size(); ++i) placed[i].links.assign(links[i].begin(), links[i].end());
+  for (std::size_t i = 0; i < links.size(); ++i)
+    placed[i].links.assign(links[i].begin(), links[i].end());
   return placed;
 }
 
@@ -111,14 +116,16 @@ std::vector<MapPanorama> PlacePanoramas(const std::vector<PanoramaRecord>& recor
 struct TrainingSample {
   std::vector<std::uint8_t> sift, mser;
 };
-TrainingSample Sample(const std::vector<ExtractedPanorama>& panoramas, const BuildOptions& options) {
+TrainingSample Sample(const std::vector<ExtractedPanorama>& panoramas,
+                      const BuildOptions& options) {
   const std::size_t n = panoramas.size();
   const auto budget = [&](int words) {
     return std::max<std::size_t>(1, static_cast<std::size_t>(words) * kSamplesPerWord / n);
   };
   std::vector<TrainingSample> parts(n);
   tbb::parallel_for(std::size_t{0}, n, [&](std::size_t p) {
-    const PanoramaFeatures features = ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
+    const PanoramaFeatures features =
+        ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
     Rng rng(options.seed, "sample/" + panoramas[p].record.id);
     const auto draw = [&](bool mser, std::size_t count, std::vector<std::uint8_t>* out) {
       std::vector<std::pair<const FeatureSet*, std::size_t>> all;
@@ -153,19 +160,21 @@ Vocabulary Train(const std::vector<ExtractedPanorama>& panoramas, const BuildOpt
   tree.num_words = options.num_mser_words;
   vocabulary.mser = TrainTree(sample.mser, tree, "train/mser");
   if (vocabulary.sift.empty()) {
-    throw Error(ErrorCode::kBadData,
-                "no feature in any panorama; check the images, their masks and --sift-contrast-threshold");
+    throw Error(
+        ErrorCode::kBadData,
+        "no feature in any panorama; check the images, their masks and --sift-contrast-threshold");
   }
   return vocabulary;
 }
 
 // Quantises every view, sets the vocabulary's idf and returns a bag a view.
-std::vector<BagOfWords> MakeBags(const std::vector<ExtractedPanorama>& panoramas, std::size_t views_each,
-                                 Vocabulary* vocabulary) {
+std::vector<BagOfWords> MakeBags(const std::vector<ExtractedPanorama>& panoramas,
+                                 std::size_t views_each, Vocabulary* vocabulary) {
   std::vector<std::vector<std::uint32_t>> sift(panoramas.size() * views_each), mser(sift.size());
   Progress progress("words", static_cast<std::int64_t>(panoramas.size()), "panoramas");
   tbb::parallel_for(std::size_t{0}, panoramas.size(), [&](std::size_t p) {
-    const PanoramaFeatures features = ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
+    const PanoramaFeatures features =
+        ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
     for (std::size_t v = 0; v < views_each; ++v) {
       sift[p * views_each + v] = vocabulary->SiftWords(features.views[v].sift);
       mser[p * views_each + v] = vocabulary->MserWords(features.views[v].mser);
@@ -174,7 +183,8 @@ std::vector<BagOfWords> MakeBags(const std::vector<ExtractedPanorama>& panoramas
   });
   progress.Finish();
   std::vector<std::vector<std::uint32_t>> all = sift;
-  for (std::size_t i = 0; i < all.size(); ++i) all[i].insert(all[i].end(), mser[i].begin(), mser[i].end());
+  for (std::size_t i = 0; i < all.size(); ++i)
+    all[i].insert(all[i].end(), mser[i].begin(), mser[i].end());
   vocabulary->idf = InverseDocumentFrequency(all, vocabulary->num_words());
   std::vector<BagOfWords> bags(sift.size());
   tbb::parallel_for(std::size_t{0}, bags.size(),
@@ -191,8 +201,8 @@ BundleView ToBundleView(const ViewFeatureSet& view, int max_features) {
     const Keypoint& k = view.sift.keypoints[i];
     const SurfacePoint& p = view.points[i];
     out.keypoints.insert(out.keypoints.end(), {k.x_px, k.y_px, k.size_px, k.angle_deg});
-    out.points.insert(out.points.end(),
-                      {p.point_in_pano.x(), p.point_in_pano.y(), p.point_in_pano.z(), p.range_sigma_m});
+    out.points.insert(out.points.end(), {p.point_in_pano.x(), p.point_in_pano.y(),
+                                         p.point_in_pano.z(), p.range_sigma_m});
     out.surfaces.push_back(p.surface_idx);
     const auto descriptor = view.sift.descriptor(i);
     out.descriptors.insert(out.descriptors.end(), descriptor.begin(), descriptor.end());
@@ -200,15 +210,16 @@ BundleView ToBundleView(const ViewFeatureSet& view, int max_features) {
   return out;
 }
 
-// All contents that a build's result depends on, as one hash: in bundle order, each panorama's extraction
-// key, pose and links.
+// All contents that a build's result depends on, as one hash: in bundle order, each panorama's
+// extraction key, pose and links.
 std::string DataSetHash(const std::vector<ExtractedPanorama>& panoramas) {
   Sha256 hash;
   for (const ExtractedPanorama& p : panoramas) {
     const PanoramaRecord& r = p.record;
-    hash.Update(p.content_key + Format("\n%.17g %.17g %.17g %.17g %.17g %.17g\n", r.position.lat_deg,
-                                       r.position.lon_deg, r.position.height_m, r.attitude.heading_deg,
-                                       r.attitude.pitch_deg, r.attitude.roll_deg));
+    hash.Update(p.content_key + Format("\n%.17g %.17g %.17g %.17g %.17g %.17g\n",
+                                       r.position.lat_deg, r.position.lon_deg, r.position.height_m,
+                                       r.attitude.heading_deg, r.attitude.pitch_deg,
+                                       r.attitude.roll_deg));
     for (const std::string& link : r.links) hash.Update(link + "\n");
   }
   return hash.FinishHex();
@@ -226,7 +237,8 @@ void BuildOptions::Check() const {
   const auto require = [](bool holds, const std::string& message) {
     if (!holds) throw std::invalid_argument(message);
   };
-  require(num_views >= 1 && num_views <= 64, Format("num_views = %d; must lie in 1..64", num_views));
+  require(num_views >= 1 && num_views <= 64,
+          Format("num_views = %d; must lie in 1..64", num_views));
   require(view_pitch_deg > -80 && view_pitch_deg < 80,
           Format("view_pitch_deg = %g; must lie in (-80, 80)", view_pitch_deg));
   require(num_sift_words >= 2, Format("num_sift_words = %d; must be at least 2", num_sift_words));
@@ -242,8 +254,11 @@ void BuildOptions::Check() const {
 
 RunReport Build(const BuildOptions& options) {
   options.Check();
-  const int threads = options.num_threads > 0 ? options.num_threads : static_cast<int>(std::thread::hardware_concurrency());
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
+  const int threads = options.num_threads > 0
+                          ? options.num_threads
+                          : static_cast<int>(std::thread::hardware_concurrency());
+  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
+                                  static_cast<std::size_t>(threads));
   ThrowIfError(CheckParentIsWritable(options.out, "--out"));
   RunReport report;
   const Camera camera = ValueOrThrow(ReadCameraYaml(options.camera));
@@ -254,26 +269,34 @@ RunReport Build(const BuildOptions& options) {
   report.set_aside = set.set_aside;
 
   StageTimer extract_timer(&report, "extract", "panoramas");
-  const Rectifier rectifier(camera.WithoutDistortion(), RingOfViews(options.num_views, options.view_pitch_deg));
-  const fs::path work = options.work.empty() ? fs::path(options.out.string() + ".work") : options.work;
+  const Rectifier rectifier(camera.WithoutDistortion(),
+                            RingOfViews(options.num_views, options.view_pitch_deg));
+  const fs::path work =
+      options.work.empty() ? fs::path(options.out.string() + ".work") : options.work;
   ExtractStageResult extracted = ExtractStage(set.panoramas, rectifier, options.extract, work);
   extract_timer.Done(set.panoramas.size(), extracted.num_reused);
-  report.set_aside.insert(report.set_aside.end(), extracted.set_aside.begin(), extracted.set_aside.end());
+  report.set_aside.insert(report.set_aside.end(), extracted.set_aside.begin(),
+                          extracted.set_aside.end());
   report.without_depth = extracted.without_depth;
   if (extracted.panoramas.empty() ||
-      static_cast<double>(report.set_aside.size()) > options.max_set_aside_share * static_cast<double>(num_stated)) {
+      static_cast<double>(report.set_aside.size()) >
+          options.max_set_aside_share * static_cast<double>(num_stated)) {
     const SetAside& first = report.set_aside.front();
-    throw Error(ErrorCode::kBadData,
-                Format("%s: %zu of %zu panoramas are unusable (first: %s: %s); mend the data set or raise "
-                       "--max-set-aside-share",
-                       options.panoramas.c_str(), report.set_aside.size(), num_stated, first.id.c_str(),
-                       first.reason.c_str()));
+    throw Error(
+        ErrorCode::kBadData,
+        Format("%s: %zu of %zu panoramas are unusable (first: %s: %s); mend the data set or raise "
+               "--max-set-aside-share",
+               options.panoramas.c_str(), report.set_aside.size(), num_stated, first.id.c_str(),
+               first.reason.c_str()));
   }
   // Bundle order: by tile, then id, so that a tile's panoramas are together.
   std::vector<ExtractedPanorama>& panoramas = extracted.panoramas;
-  const auto key = [](const ExtractedPanorama& p) { return std::make_pair(Quadkey(p.record.position), p.record.id); };
-  std::sort(panoramas.begin(), panoramas.end(),
-            [&](const ExtractedPanorama& a, const ExtractedPanorama& b) { return key(a) < key(b); });
+  const auto key = [](const ExtractedPanorama& p) {
+    return std::make_pair(Quadkey(p.record.position), p.record.id);
+  };
+  std::sort(
+      panoramas.begin(), panoramas.end(),
+      [&](const ExtractedPanorama& a, const ExtractedPanorama& b) { return key(a) < key(b); });
   StopIfCancelled();
 
   BundleContent content;
@@ -284,12 +307,14 @@ RunReport Build(const BuildOptions& options) {
   }
   const MapFrame frame = ChooseFrame(options, records);
   content.panoramas = PlacePanoramas(records, frame);
-  for (std::size_t i = 0; i < panoramas.size(); ++i) content.panoramas[i].has_depth = panoramas[i].has_depth;
+  for (std::size_t i = 0; i < panoramas.size(); ++i)
+    content.panoramas[i].has_depth = panoramas[i].has_depth;
   content.directions = rectifier.directions();
 
   StageTimer train_timer(&report, "train", "words");
   content.vocabulary = Train(panoramas, options);
-  const std::vector<BagOfWords> bags = MakeBags(panoramas, content.directions.size(), &content.vocabulary);
+  const std::vector<BagOfWords> bags =
+      MakeBags(panoramas, content.directions.size(), &content.vocabulary);
   train_timer.Done(content.vocabulary.num_words());
   StopIfCancelled();
 
@@ -304,13 +329,16 @@ RunReport Build(const BuildOptions& options) {
     panorama_of_view.insert(panorama_of_view.end(), content.directions.size(), p);
   }
   content.similarity = BuildSimilarityIndex(
-      bags, panorama_of_view, AppearanceNeighbourhoods(links, positions, options.num_views, options.similarity),
+      bags, panorama_of_view,
+      AppearanceNeighbourhoods(links, positions, options.num_views, options.similarity),
       options.similarity);
   similarity_timer.Done(bags.size());
 
   StageTimer publish_timer(&report, "publish", "files");
   Manifest& manifest = content.manifest;
-  manifest.name = options.name.empty() ? fs::absolute(options.out).lexically_normal().filename().string() : options.name;
+  manifest.name = options.name.empty()
+                      ? fs::absolute(options.out).lexically_normal().filename().string()
+                      : options.name;
   manifest.build = options.build;
   manifest.generator = kGenerator;
   manifest.map_frame = frame.parameters();
@@ -321,7 +349,8 @@ RunReport Build(const BuildOptions& options) {
                          OptionsJson(options)};
   manifest.num_set_aside = static_cast<std::int64_t>(report.set_aside.size());
   const Manifest written = WriteBundle(options.out, content, [&](std::size_t p) {
-    const PanoramaFeatures features = ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
+    const PanoramaFeatures features =
+        ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
     BundlePanorama panorama;
     for (const DepthPlane& plane : features.planes) {
       const Eigen::Vector3f& n = plane.normal_in_pano;

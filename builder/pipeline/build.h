@@ -14,29 +14,31 @@ namespace panofix {
 struct BuildOptions {
   std::filesystem::path panoramas;  // panoramas.geojson or .geojsonl
   std::filesystem::path camera;     // camera.yaml of the vehicle
-  std::filesystem::path out;        // the bundle's folder; an existing bundle is replaced in one step
-  std::filesystem::path work;       // intermediate files; default: OUT.work. Kept: the next build reuses it
-  std::string name;                 // of the bundle; default: the out folder's name
-  std::int64_t build = 1;           // build number
+  std::filesystem::path out;  // the bundle's folder; an existing bundle is replaced in one step
+  std::filesystem::path
+      work;                // intermediate files; default: OUT.work. Kept: the next build reuses it
+  std::string name;        // of the bundle; default: the out folder's name
+  std::int64_t build = 1;  // build number
   std::string map_frame = "tangent";  // or a known grid, e.g. EPSG:2154
-  int num_views = 8;                // rectilinear views a panorama (paper: 8)
-  double view_pitch_deg = 0;        // their common pitch, up positive
+  int num_views = 8;                  // rectilinear views a panorama (paper: 8)
+  double view_pitch_deg = 0;          // their common pitch, up positive
   ExtractOptions extract;
-  int num_sift_words = 5000;        // vocabulary sizes (paper: 5000 + 2000)
+  int num_sift_words = 5000;  // vocabulary sizes (paper: 5000 + 2000)
   int num_mser_words = 2000;
-  int max_features = 1500;          // strongest with a point stored a view: the bundle's size
+  int max_features = 1500;  // strongest with a point stored a view: the bundle's size
   SimilarityOptions similarity;
-  double max_set_aside_share = 0.5; // more bad panoramas than this fail the build
-  int num_threads = 0;              // 0 = all cores
+  double max_set_aside_share = 0.5;  // more bad panoramas than this fail the build
+  int num_threads = 0;               // 0 = all cores
   std::uint64_t seed = 1;
-  void Check() const;               // throws std::invalid_argument naming field, value and rule
+  void Check() const;  // throws std::invalid_argument naming field, value and rule
 };
 
 // The options that decide the bundle's bytes, as JSON.
 [[nodiscard]] std::string OptionsJson(const BuildOptions& options);
 
-// Runs or resumes a build and publishes the bundle. Equal inputs and options give equal bytes for any
-// thread count and input order. Throws Error (kCancelled on Ctrl-C: what was extracted is kept).
+// Runs or resumes a build and publishes the bundle. Equal inputs and options give equal bytes for
+// any thread count and input order. Throws Error (kCancelled on Ctrl-C: what was extracted is
+// kept).
 RunReport Build(const BuildOptions& options);
 
 }  // namespace panofix

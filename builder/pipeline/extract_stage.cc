@@ -14,7 +14,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Raised whenever extraction gives other features for the same input: old work files are then ignored.
+// Raised whenever extraction gives other features for the same input: old work files are then
+// ignored.
 constexpr int kExtractVersion = 2;
 
 struct Outcome {
@@ -34,8 +35,8 @@ void UpdateWithFile(const fs::path& path, Sha256* hash) {
   hash->Update(digest.ok() ? *digest + "\n" : "?\n");
 }
 
-Outcome ProcessOne(const PanoramaRecord& record, const Rectifier& rectifier, const ExtractOptions& options,
-                   const fs::path& folder) {
+Outcome ProcessOne(const PanoramaRecord& record, const Rectifier& rectifier,
+                   const ExtractOptions& options, const fs::path& folder) {
   Outcome outcome;
   outcome.done = true;
   outcome.panorama.record = record;
@@ -61,7 +62,8 @@ Outcome ProcessOne(const PanoramaRecord& record, const Rectifier& rectifier, con
   }
   outcome.panorama.has_depth = features->has_depth;
   if (!features->has_depth) {
-    outcome.depth_fault = features->depth_fault.empty() ? "no depth file is named" : features->depth_fault;
+    outcome.depth_fault =
+        features->depth_fault.empty() ? "no depth file is named" : features->depth_fault;
   }
   return outcome;
 }
@@ -73,13 +75,15 @@ Result<std::string> ContentKey(const PanoramaRecord& record, const Rectifier& re
   Sha256 hash;
   hash.Update(Format("extract %d\n", kExtractVersion));
   hash.Update(ToCameraYaml(rectifier.camera(), "view"));
-  for (const ViewDirection& d : rectifier.directions()) hash.Update(Format("%.17g %.17g\n", d.yaw_deg, d.pitch_deg));
+  for (const ViewDirection& d : rectifier.directions())
+    hash.Update(Format("%.17g %.17g\n", d.yaw_deg, d.pitch_deg));
   const FeatureOptions& f = options.features;
-  hash.Update(Format("%d %.17g %d %d %.17g %d %d\n", static_cast<int>(f.equalization), f.clahe_clip_limit,
-                     f.clahe_tiles, f.max_sift, f.sift_contrast_threshold, f.max_mser, f.root_sift ? 1 : 0));
+  hash.Update(Format("%d %.17g %d %d %.17g %d %d\n", static_cast<int>(f.equalization),
+                     f.clahe_clip_limit, f.clahe_tiles, f.max_sift, f.sift_contrast_threshold,
+                     f.max_mser, f.root_sift ? 1 : 0));
   hash.Update(Format("%.17g %.17g %.17g %.17g %.17g\n", options.errors.range_sigma_share,
-                     options.errors.normal_sigma_deg, options.errors.relief_sigma_m, options.max_range_m,
-                     options.max_incidence_deg));
+                     options.errors.normal_sigma_deg, options.errors.relief_sigma_m,
+                     options.max_range_m, options.max_incidence_deg));
   hash.Update(record.id + Format("\n%.17g\n", record.depth_scale_m));
   UpdateWithFile(record.image, &hash);
   UpdateWithFile(record.depth, &hash);
@@ -87,8 +91,9 @@ Result<std::string> ContentKey(const PanoramaRecord& record, const Rectifier& re
   return hash.FinishHex();
 }
 
-ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records, const Rectifier& rectifier,
-                                const ExtractOptions& options, const fs::path& work) {
+ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records,
+                                const Rectifier& rectifier, const ExtractOptions& options,
+                                const fs::path& work) {
   const fs::path folder = work / "features";
   std::error_code error;
   fs::create_directories(folder, error);
@@ -98,13 +103,16 @@ ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records, cons
   }
   std::vector<Outcome> outcomes(records.size());
   Progress progress("extract", static_cast<std::int64_t>(records.size()), "panoramas");
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, records.size(), 1), [&](const auto& range) {
-    for (std::size_t i = range.begin(); i < range.end(); ++i) {
-      if (CancelRequested()) return;
-      outcomes[i] = ProcessOne(records[i], rectifier, options, folder);
-      progress.Add();
-    }
-  }, tbb::simple_partitioner());
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, records.size(), 1),
+      [&](const auto& range) {
+        for (std::size_t i = range.begin(); i < range.end(); ++i) {
+          if (CancelRequested()) return;
+          outcomes[i] = ProcessOne(records[i], rectifier, options, folder);
+          progress.Add();
+        }
+      },
+      tbb::simple_partitioner());
   progress.Finish();
   if (CancelRequested()) {
     throw Error(ErrorCode::kCancelled, "stopped by the user; run the same command again to resume");

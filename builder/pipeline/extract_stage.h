@@ -11,8 +11,8 @@ namespace panofix {
 
 struct ExtractedPanorama {
   PanoramaRecord record;
-  std::string content_key;               // SHA-256 of inputs, options and code version
-  std::filesystem::path features_file;   // named by the key
+  std::string content_key;              // SHA-256 of inputs, options and code version
+  std::filesystem::path features_file;  // named by the key
   bool has_depth = false;
 };
 
@@ -24,13 +24,15 @@ struct ExtractStageResult {
 
 // SHA-256 over the panorama's record and the bytes of its files, the view directions, camera and
 // options: equal keys, equal features.
-[[nodiscard]] Result<std::string> ContentKey(const PanoramaRecord& record, const Rectifier& rectifier,
+[[nodiscard]] Result<std::string> ContentKey(const PanoramaRecord& record,
+                                             const Rectifier& rectifier,
                                              const ExtractOptions& options);
 
 // TBB over panoramas; one at a time a thread in memory. Ctrl-C throws Error(kCancelled) after the
 // panoramas under way are written.
 [[nodiscard]] ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records,
-                                              const Rectifier& rectifier, const ExtractOptions& options,
+                                              const Rectifier& rectifier,
+                                              const ExtractOptions& options,
                                               const std::filesystem::path& work);
 
 }  // namespace panofix

@@ -22,7 +22,8 @@ void List(const char* title, const std::vector<SetAside>& entries, std::string* 
 
 nlohmann::ordered_json ListJson(const std::vector<SetAside>& entries) {
   auto list = nlohmann::ordered_json::array();
-  for (const SetAside& entry : entries) list.push_back({{"id", entry.id}, {"reason", entry.reason}});
+  for (const SetAside& entry : entries)
+    list.push_back({{"id", entry.id}, {"reason", entry.reason}});
   return list;
 }
 

@@ -18,8 +18,8 @@ struct StageReport {
 
 struct RunReport {
   std::vector<StageReport> stages;
-  std::vector<SetAside> set_aside;     // panoramas left out, with their reasons
-  std::vector<SetAside> without_depth; // panoramas in the map whose depth is missing or unusable
+  std::vector<SetAside> set_aside;      // panoramas left out, with their reasons
+  std::vector<SetAside> without_depth;  // panoramas in the map whose depth is missing or unusable
   std::int64_t num_panoramas = 0, num_views = 0, num_features = 0;
   std::uint64_t bundle_bytes = 0;
   std::uint64_t peak_memory_bytes = 0;

@@ -16,13 +16,16 @@ namespace {
 namespace fs = std::filesystem;
 
 // "out/" names the folder "out": staging must lie beside it, not in it.
-fs::path WithoutTrailingSlash(const fs::path& path) { return path.has_filename() ? path : path.parent_path(); }
+fs::path WithoutTrailingSlash(const fs::path& path) {
+  return path.has_filename() ? path : path.parent_path();
+}
 
 // A folder that is removed unless it was published.
 class Staging {
  public:
   explicit Staging(const fs::path& target)
-      : path_(WithoutTrailingSlash(target).string() + Format(".staging-%d", static_cast<int>(getpid()))) {
+      : path_(WithoutTrailingSlash(target).string() +
+              Format(".staging-%d", static_cast<int>(getpid()))) {
     std::error_code error;
     fs::remove_all(path_, error);
     if (!fs::create_directories(path_ / "tiles", error)) {
@@ -72,7 +75,8 @@ void WriteGraph(const fs::path& path, const BundleContent& content) {
     links.insert(links.end(), p.links.begin(), p.links.end());
     link_offsets.push_back(static_cast<std::uint32_t>(links.size()));
   }
-  for (const ViewDirection& d : content.directions) directions.insert(directions.end(), {d.yaw_deg, d.pitch_deg});
+  for (const ViewDirection& d : content.directions)
+    directions.insert(directions.end(), {d.yaw_deg, d.pitch_deg});
   Hdf5Writer file(path);
   file.WriteStrings("panoramas/ids", ids);
   file.Write<double>("panoramas/geodetic", geodetic, 3);
@@ -90,8 +94,8 @@ void WriteGraph(const fs::path& path, const BundleContent& content) {
 }
 
 // Panoramas [begin, end) share a tile. Returns its number of features.
-std::int64_t WriteTile(const fs::path& path, const BundleContent& content, std::size_t begin, std::size_t end,
-                       const FeaturesOfPanorama& features_of_panorama) {
+std::int64_t WriteTile(const fs::path& path, const BundleContent& content, std::size_t begin,
+                       std::size_t end, const FeaturesOfPanorama& features_of_panorama) {
   std::vector<std::string> ids;
   std::vector<std::uint32_t> view_offsets{0}, plane_offsets{0}, bag_offsets{0}, words;
   std::vector<float> planes, keypoints, points, weights;
@@ -132,7 +136,8 @@ std::int64_t WriteTile(const fs::path& path, const BundleContent& content, std::
 
 BundlePart Describe(const fs::path& root, const std::string& path) {
   ThrowIfError(SyncPath(root / path));
-  return {path, static_cast<std::uint64_t>(fs::file_size(root / path)), ValueOrThrow(Sha256OfFile(root / path))};
+  return {path, static_cast<std::uint64_t>(fs::file_size(root / path)),
+          ValueOrThrow(Sha256OfFile(root / path))};
 }
 
 }  // namespace
@@ -148,12 +153,14 @@ Manifest WriteBundle(const fs::path& target, const BundleContent& content,
   manifest.parts.push_back(Describe(staging.path(), "graph.h5"));
   manifest.num_features = 0;
   for (std::size_t begin = 0; begin < content.panoramas.size();) {
-    if (CancelRequested()) throw Error(ErrorCode::kCancelled, "stopped by the user; the next build resumes");
+    if (CancelRequested())
+      throw Error(ErrorCode::kCancelled, "stopped by the user; the next build resumes");
     std::size_t end = begin;
     const std::string& tile = content.tile_of_panorama[begin];
     while (end < content.panoramas.size() && content.tile_of_panorama[end] == tile) ++end;
     const std::string path = "tiles/" + tile + ".h5";
-    manifest.num_features += WriteTile(staging.path() / path, content, begin, end, features_of_panorama);
+    manifest.num_features +=
+        WriteTile(staging.path() / path, content, begin, end, features_of_panorama);
     manifest.parts.push_back(Describe(staging.path(), path));
     begin = end;
   }

@@ -15,16 +15,17 @@ namespace panofix {
 
 // The features of one view that go on the map.
 struct BundleView {
-  std::vector<float> keypoints;       // N x 4: x, y, size (px), angle (deg)
-  std::vector<float> points;          // N x 4: x, y, z, range sigma (m), pano frame
-  std::vector<std::uint8_t> surfaces; // N: plane of the panorama's depth map
+  std::vector<float> keypoints;           // N x 4: x, y, size (px), angle (deg)
+  std::vector<float> points;              // N x 4: x, y, z, range sigma (m), pano frame
+  std::vector<std::uint8_t> surfaces;     // N: plane of the panorama's depth map
   std::vector<std::uint8_t> descriptors;  // N x 128
   BagOfWords bag;
 };
 
 // One panorama's part of a tile.
 struct BundlePanorama {
-  std::vector<float> planes;  // M x 4: n . X = d in the pano frame, by surface index; empty for a raster
+  std::vector<float>
+      planes;  // M x 4: n . X = d in the pano frame, by surface index; empty for a raster
   std::vector<BundleView> views;
 };
 
@@ -41,8 +42,9 @@ struct BundleContent {
 // Called once a panorama, tile by tile, so that one tile's features are in memory at a time.
 using FeaturesOfPanorama = std::function<BundlePanorama(std::size_t panorama_idx)>;
 
-// Writes the bundle next to `target` and publishes it by one rename; on failure or Ctrl-C the staging
-// folder is removed and an existing bundle stays. Returns the manifest as written. Throws Error.
+// Writes the bundle next to `target` and publishes it by one rename; on failure or Ctrl-C the
+// staging folder is removed and an existing bundle stays. Returns the manifest as written. Throws
+// Error.
 Manifest WriteBundle(const std::filesystem::path& target, const BundleContent& content,
                      const FeaturesOfPanorama& features_of_panorama);
 

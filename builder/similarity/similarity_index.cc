@@ -35,7 +35,8 @@ class Grid {
       : positions_(positions), size_m_(size_m) {
     for (std::uint32_t i = 0; i < positions.size(); ++i) cells_[Cell(positions[i])].push_back(i);
   }
-  void AppendWithin(std::uint32_t centre, double radius_m, std::vector<std::uint32_t>* found) const {
+  void AppendWithin(std::uint32_t centre, double radius_m,
+                    std::vector<std::uint32_t>* found) const {
     const auto [cx, cy] = Cell(positions_[centre]);
     for (std::int64_t x = cx - 1; x <= cx + 1; ++x) {
       for (std::int64_t y = cy - 1; y <= cy + 1; ++y) {
@@ -67,8 +68,10 @@ void SimilarityOptions::Check() const {
   if (num_similar < 1 || num_similar > 10000) {
     throw std::invalid_argument(Format("num_similar = %d; must lie in 1..10000", num_similar));
   }
-  if (dist_max < 1) throw std::invalid_argument(Format("dist_max = %d; must be at least 1", dist_max));
-  if (!(dist_max_m > 0)) throw std::invalid_argument(Format("dist_max_m = %g; must be above 0", dist_max_m));
+  if (dist_max < 1)
+    throw std::invalid_argument(Format("dist_max = %d; must be at least 1", dist_max));
+  if (!(dist_max_m > 0))
+    throw std::invalid_argument(Format("dist_max_m = %g; must be above 0", dist_max_m));
 }
 
 std::vector<std::vector<std::uint32_t>> AppearanceNeighbourhoods(
@@ -96,7 +99,8 @@ SimilarityIndex BuildSimilarityIndex(const std::vector<BagOfWords>& bags,
                                      const SimilarityOptions& options) {
   options.Check();
   std::vector<std::vector<std::uint32_t>> views_of_panorama(neighbourhoods.size());
-  for (std::uint32_t v = 0; v < panorama_of_view.size(); ++v) views_of_panorama[panorama_of_view[v]].push_back(v);
+  for (std::uint32_t v = 0; v < panorama_of_view.size(); ++v)
+    views_of_panorama[panorama_of_view[v]].push_back(v);
 
   std::vector<std::vector<std::pair<float, std::uint32_t>>> rows(bags.size());
   tbb::parallel_for(std::size_t{0}, bags.size(), [&](std::size_t v) {

@@ -26,20 +26,23 @@ std::vector<std::uint8_t> Assign(std::span<const std::uint8_t> descriptors, cons
                                  const Centroids& centroids) {
   std::vector<std::uint8_t> nearest(members.size());
   const std::size_t k = centroids.size() / kSize;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, members.size(), 512), [&](const auto& range) {
-    for (std::size_t i = range.begin(); i < range.end(); ++i) {
-      int best = std::numeric_limits<int>::max();
-      for (std::size_t c = 0; c < k; ++c) {
-        const int distance = DescriptorDistanceSq(&descriptors[members[i] * kSize], &centroids[c * kSize]);
-        if (distance < best) best = distance, nearest[i] = static_cast<std::uint8_t>(c);
-      }
-    }
-  });
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, members.size(), 512), [&](const auto& range) {
+        for (std::size_t i = range.begin(); i < range.end(); ++i) {
+          int best = std::numeric_limits<int>::max();
+          for (std::size_t c = 0; c < k; ++c) {
+            const int distance =
+                DescriptorDistanceSq(&descriptors[members[i] * kSize], &centroids[c * kSize]);
+            if (distance < best) best = distance, nearest[i] = static_cast<std::uint8_t>(c);
+          }
+        }
+      });
   return nearest;
 }
 
 // k-means++: each next seed with probability proportional to its squared distance to those chosen.
-Centroids SeedCentroids(std::span<const std::uint8_t> descriptors, const Members& members, int k, Rng* rng) {
+Centroids SeedCentroids(std::span<const std::uint8_t> descriptors, const Members& members, int k,
+                        Rng* rng) {
   Centroids centroids;
   std::vector<std::int64_t> distance(members.size(), std::numeric_limits<int>::max());
   std::size_t chosen = rng->Below(members.size());
@@ -67,7 +70,8 @@ Centroids Update(std::span<const std::uint8_t> descriptors, const Members& membe
   std::vector<std::int64_t> sums(k * kSize, 0), counts(k, 0);
   for (std::size_t i = 0; i < members.size(); ++i) {
     ++counts[nearest[i]];
-    for (std::size_t d = 0; d < kSize; ++d) sums[nearest[i] * kSize + d] += descriptors[members[i] * kSize + d];
+    for (std::size_t d = 0; d < kSize; ++d)
+      sums[nearest[i] * kSize + d] += descriptors[members[i] * kSize + d];
   }
   Centroids centroids = old;
   for (std::size_t c = 0; c < k; ++c) {
@@ -89,13 +93,15 @@ struct Cluster {
 // Numbers equal descriptors alike, to count the different ones of a cluster.
 class DistinctCounter {
  public:
-  explicit DistinctCounter(std::span<const std::uint8_t> descriptors) : group_(descriptors.size() / kSize) {
+  explicit DistinctCounter(std::span<const std::uint8_t> descriptors)
+      : group_(descriptors.size() / kSize) {
     Members order(group_.size());
     std::iota(order.begin(), order.end(), 0U);
     const auto compare = [&](std::uint32_t a, std::uint32_t b) {
       return std::memcmp(&descriptors[a * kSize], &descriptors[b * kSize], kSize);
     };
-    std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return compare(a, b) < 0; });
+    std::sort(order.begin(), order.end(),
+              [&](std::uint32_t a, std::uint32_t b) { return compare(a, b) < 0; });
     std::uint32_t group = 0;
     for (std::size_t i = 0; i < order.size(); ++i) {
       if (i > 0 && compare(order[i - 1], order[i]) != 0) ++group;
@@ -130,7 +136,8 @@ std::vector<Cluster> Split(std::span<const std::uint8_t> descriptors, const Memb
     nearest = Assign(descriptors, members, centroids);
   }
   std::vector<Cluster> clusters(centroids.size() / kSize);
-  for (std::size_t i = 0; i < members.size(); ++i) clusters[nearest[i]].members.push_back(members[i]);
+  for (std::size_t i = 0; i < members.size(); ++i)
+    clusters[nearest[i]].members.push_back(members[i]);
   for (std::size_t c = 0; c < clusters.size(); ++c) {
     clusters[c].centroid.assign(&centroids[c * kSize], &centroids[c * kSize] + kSize);
   }
@@ -142,7 +149,8 @@ std::vector<Cluster> Split(std::span<const std::uint8_t> descriptors, const Memb
 // cluster has no different descriptors for goes to the others, one at a time, the largest first.
 std::vector<int> ShareWords(const std::vector<Cluster>& clusters, int words) {
   std::int64_t total = 0;
-  for (const Cluster& cluster : clusters) total += static_cast<std::int64_t>(cluster.members.size());
+  for (const Cluster& cluster : clusters)
+    total += static_cast<std::int64_t>(cluster.members.size());
   const int spare = words - static_cast<int>(clusters.size());
   std::vector<int> share(clusters.size(), 1);
   std::vector<std::pair<std::int64_t, std::size_t>> remainder;
@@ -193,8 +201,10 @@ void TreeOptions::Check() const {
   const auto require = [](bool holds, const std::string& message) {
     if (!holds) throw std::invalid_argument(message);
   };
-  require(num_words >= 2 && num_words <= 4'000'000, Format("num_words = %d; must lie in 2..4000000", num_words));
-  require(branching >= 2 && branching <= 64, Format("branching = %d; must lie in 2..64", branching));
+  require(num_words >= 2 && num_words <= 4'000'000,
+          Format("num_words = %d; must lie in 2..4000000", num_words));
+  require(branching >= 2 && branching <= 64,
+          Format("branching = %d; must lie in 2..64", branching));
   require(max_iterations >= 1, Format("max_iterations = %d; must be at least 1", max_iterations));
 }
 

@@ -10,7 +10,8 @@ namespace panofix {
 namespace {
 
 double Distance_m(const MapPanorama& a, const MapPanorama& b) {
-  return (a.map_from_pano.translation - b.map_from_pano.translation).head<2>().norm() / a.point_scale;
+  return (a.map_from_pano.translation - b.map_from_pano.translation).head<2>().norm() /
+         a.point_scale;
 }
 
 // Prim's tree over panoramas, edges up to `max_m`.
@@ -68,7 +69,8 @@ double RouteLength_m(const MapBundle& bundle) {
 
 std::uint64_t BundleBytes(const MapBundle& bundle) {
   // The manifest and its hash: 64 digits, two spaces, its name, a line break.
-  std::uint64_t bytes = ToJson(bundle.manifest()).size() + 64 + 2 + std::string(kManifestName).size() + 1;
+  std::uint64_t bytes =
+      ToJson(bundle.manifest()).size() + 64 + 2 + std::string(kManifestName).size() + 1;
   for (const BundlePart& part : bundle.manifest().parts) bytes += part.num_bytes;
   return bytes;
 }
@@ -76,29 +78,41 @@ std::uint64_t BundleBytes(const MapBundle& bundle) {
 std::string InspectText(const MapBundle& bundle) {
   const Manifest& m = bundle.manifest();
   const Extent e = ExtentOf(bundle);
-  const double length_m = RouteLength_m(bundle), mb = static_cast<double>(BundleBytes(bundle)) / 1e6;
+  const double length_m = RouteLength_m(bundle),
+               mb = static_cast<double>(BundleBytes(bundle)) / 1e6;
   std::string text;
-  const auto row = [&](const char* name, const std::string& value) { text += Format("%-14s %s\n", name, value.c_str()); };
+  const auto row = [&](const char* name, const std::string& value) {
+    text += Format("%-14s %s\n", name, value.c_str());
+  };
   row("bundle", m.name + Format(", build %ld", static_cast<long>(m.build)));
   row("id", bundle.id());
   row("format", Format("%d.%d, written by %s", m.major, m.minor, m.generator.c_str()));
   row("source", m.provenance.source.empty() ? "not stated" : m.provenance.source);
   row("licence", m.provenance.licence.empty() ? "not stated" : m.provenance.licence);
   row("heights", m.provenance.height_datum);
-  row("camera", Format("%d x %d px, fx %.2f, fy %.2f, %s", m.camera.width_px, m.camera.height_px, m.camera.fx_px,
-                       m.camera.fy_px, DistortionModelName(m.camera.distortion_model)));
-  row("features", Format("%s equalisation, %s, at most %d SIFT and %d MSER an image", EqualizationName(m.features.equalization),
-                         m.features.root_sift ? "RootSIFT" : "SIFT", m.features.max_sift, m.features.max_mser));
-  row("map frame", Format("Lambert conformal conic, parallels %.6f and %.6f, origin %.6f, %.6f", m.map_frame.lat1_deg,
-                          m.map_frame.lat2_deg, m.map_frame.lat0_deg, m.map_frame.lon0_deg));
-  row("coverage", Format("%.6f..%.6f N, %.6f..%.6f E, %.0f m of route", e.south_deg, e.north_deg, e.west_deg, e.east_deg, length_m));
-  row("panoramas", Format("%ld (%ld with depth, %ld set aside)", static_cast<long>(m.num_panoramas),
-                          static_cast<long>(WithDepth(bundle)), static_cast<long>(m.num_set_aside)));
+  row("camera",
+      Format("%d x %d px, fx %.2f, fy %.2f, %s", m.camera.width_px, m.camera.height_px,
+             m.camera.fx_px, m.camera.fy_px, DistortionModelName(m.camera.distortion_model)));
+  row("features",
+      Format("%s equalisation, %s, at most %d SIFT and %d MSER an image",
+             EqualizationName(m.features.equalization), m.features.root_sift ? "RootSIFT" : "SIFT",
+             m.features.max_sift, m.features.max_mser));
+  row("map frame", Format("Lambert conformal conic, parallels %.6f and %.6f, origin %.6f, %.6f",
+                          m.map_frame.lat1_deg, m.map_frame.lat2_deg, m.map_frame.lat0_deg,
+                          m.map_frame.lon0_deg));
+  row("coverage", Format("%.6f..%.6f N, %.6f..%.6f E, %.0f m of route", e.south_deg, e.north_deg,
+                         e.west_deg, e.east_deg, length_m));
+  row("panoramas",
+      Format("%ld (%ld with depth, %ld set aside)", static_cast<long>(m.num_panoramas),
+             static_cast<long>(WithDepth(bundle)), static_cast<long>(m.num_set_aside)));
   row("views", Format("%ld, %d a panorama", static_cast<long>(m.num_views), m.views_per_panorama));
   row("features", Format("%ld with a 3-D point", static_cast<long>(m.num_features)));
-  row("words", Format("%u SIFT, %u MSER", bundle.vocabulary().sift.num_words, bundle.vocabulary().mser.num_words));
-  row("size", Format("%.1f MB, %.1f MB per km of route", mb, length_m > 0 ? mb / (length_m / 1000) : 0.0));
-  for (const BundlePart& part : m.parts) row("", Format("%10.1f kB  %s", static_cast<double>(part.num_bytes) / 1e3, part.path.c_str()));
+  row("words", Format("%u SIFT, %u MSER", bundle.vocabulary().sift.num_words,
+                      bundle.vocabulary().mser.num_words));
+  row("size",
+      Format("%.1f MB, %.1f MB per km of route", mb, length_m > 0 ? mb / (length_m / 1000) : 0.0));
+  for (const BundlePart& part : m.parts)
+    row("", Format("%10.1f kB  %s", static_cast<double>(part.num_bytes) / 1e3, part.path.c_str()));
   return text;
 }
 
@@ -110,8 +124,9 @@ std::string InspectJson(const MapBundle& bundle) {
   const auto bytes = static_cast<double>(BundleBytes(bundle));
   j["id"] = bundle.id();
   j["manifest"] = nlohmann::ordered_json::parse(ToJson(bundle.manifest()));
-  j["coverage"] = {{"south_deg", e.south_deg}, {"north_deg", e.north_deg}, {"west_deg", e.west_deg},
-                   {"east_deg", e.east_deg},   {"route_m", length_m},      {"panoramas_with_depth", WithDepth(bundle)}};
+  j["coverage"] = {{"south_deg", e.south_deg}, {"north_deg", e.north_deg},
+                   {"west_deg", e.west_deg},   {"east_deg", e.east_deg},
+                   {"route_m", length_m},      {"panoramas_with_depth", WithDepth(bundle)}};
   j["num_bytes"] = BundleBytes(bundle);
   j["mb_per_km"] = length_m > 0 ? bytes / 1e6 / (length_m / 1000) : 0.0;
   return j.dump(1) + "\n";

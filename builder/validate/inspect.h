@@ -8,8 +8,8 @@
 
 namespace panofix {
 
-// Length of the road that the links draw, metres; each link counts once. Where no panorama has links,
-// the shortest tree that joins neighbours within 80 m.
+// Length of the road that the links draw, metres; each link counts once. Where no panorama has
+// links, the shortest tree that joins neighbours within 80 m.
 [[nodiscard]] double RouteLength_m(const MapBundle& bundle);
 
 // Size of all files of the bundle, bytes.

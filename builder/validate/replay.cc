@@ -23,7 +23,8 @@ class TemporaryFolder {
   TemporaryFolder() {
     std::string pattern = (fs::temp_directory_path() / "panofix-XXXXXX").string();
     if (mkdtemp(pattern.data()) == nullptr) {
-      throw Error(ErrorCode::kIo, pattern + ": cannot be made: " + std::strerror(errno) + "; set TMPDIR");
+      throw Error(ErrorCode::kIo,
+                  pattern + ": cannot be made: " + std::strerror(errno) + "; set TMPDIR");
     }
     path_ = pattern;
   }
@@ -44,8 +45,10 @@ int Run(const std::vector<std::string>& command) {
   for (const std::string& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
   pid_t child = 0;
-  const int failure = posix_spawnp(&child, arguments[0], nullptr, nullptr, arguments.data(), environ);
-  if (failure != 0) throw Error(ErrorCode::kIo, command[0] + ": cannot be started: " + std::strerror(failure));
+  const int failure =
+      posix_spawnp(&child, arguments[0], nullptr, nullptr, arguments.data(), environ);
+  if (failure != 0)
+    throw Error(ErrorCode::kIo, command[0] + ": cannot be started: " + std::strerror(failure));
   int status = 0;
   while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }
@@ -67,20 +70,24 @@ Result<fs::path> FindRuntime() {
     if (access(candidate.c_str(), X_OK) == 0) return candidate;
     rest.erase(0, colon + 1);
   }
-  return Status(ErrorCode::kNotFound, "panofix-runtime is neither beside panofix-builder nor in PATH; give --runtime");
+  return Status(ErrorCode::kNotFound,
+                "panofix-runtime is neither beside panofix-builder nor in PATH; give --runtime");
 }
 
 Replay ReplayDrive(const fs::path& runtime, const fs::path& bundle, const fs::path& drive,
                    const std::vector<std::string>& extra) {
   const TemporaryFolder folder;
   const fs::path poses = folder.path() / "poses.csv", log = folder.path() / "log.json";
-  std::vector<std::string> command = {runtime.string(), "localize", "--bundle", bundle.string(), "--drive",
-                                      drive.string(), "--out", poses.string(), "--log", log.string()};
+  std::vector<std::string> command = {runtime.string(), "localize",     "--bundle", bundle.string(),
+                                      "--drive",        drive.string(), "--out",    poses.string(),
+                                      "--log",          log.string()};
   command.insert(command.end(), extra.begin(), extra.end());
   const int code = Run(command);
   if (code == 130) throw Error(ErrorCode::kCancelled, "stopped by the user");
   if (code != 0) {
-    throw Error(ErrorCode::kBadData, Format("%s localize ended with exit code %d; its message is above", runtime.c_str(), code));
+    throw Error(
+        ErrorCode::kBadData,
+        Format("%s localize ended with exit code %d; its message is above", runtime.c_str(), code));
   }
   return {ValueOrThrow(ReadPosesCsv(poses)), ValueOrThrow(ReadRunLog(log))};
 }

@@ -20,7 +20,9 @@ struct Replay {
 
 // `RUNTIME localize --bundle … --drive …` with its outputs in a temporary folder that is removed.
 // Throws Error: the runtime's exit code becomes ours, its own line on stderr says why.
-[[nodiscard]] Replay ReplayDrive(const std::filesystem::path& runtime, const std::filesystem::path& bundle,
-                                 const std::filesystem::path& drive, const std::vector<std::string>& extra);
+[[nodiscard]] Replay ReplayDrive(const std::filesystem::path& runtime,
+                                 const std::filesystem::path& bundle,
+                                 const std::filesystem::path& drive,
+                                 const std::vector<std::string>& extra);
 
 }  // namespace panofix

@@ -44,9 +44,12 @@ FrameScore ScoreFrame(const PoseRow& row, const TruthPose& truth) {
   double nees = std::pow(error.x() / p.sigma_east_m, 2) + std::pow(error.y() / p.sigma_north_m, 2) +
                 std::pow(error.z() / p.sigma_up_m, 2);
   if (truth.attitude) {
-    const Eigen::Matrix3d relative = EnuFromBody(*truth.attitude).transpose() * EnuFromBody(p.attitude);
+    const Eigen::Matrix3d relative =
+        EnuFromBody(*truth.attitude).transpose() * EnuFromBody(p.attitude);
     score.attitude_error_deg = Eigen::AngleAxisd(relative).angle() / kRadPerDeg;
-    nees += std::pow(AngleDifferenceDeg(p.attitude.heading_deg, truth.attitude->heading_deg) / p.sigma_heading_deg, 2);
+    nees += std::pow(AngleDifferenceDeg(p.attitude.heading_deg, truth.attitude->heading_deg) /
+                         p.sigma_heading_deg,
+                     2);
     if (std::isfinite(nees)) score.nees = nees;
   }
   return score;
@@ -54,29 +57,37 @@ FrameScore ScoreFrame(const PoseRow& row, const TruthPose& truth) {
 
 void SummarizeLog(const RunLog& log, ScoreTable* table) {
   constexpr std::pair<const char*, double StageLatency::*> kStages[] = {
-      {"preprocess", &StageLatency::preprocess_ms}, {"features", &StageLatency::features_ms},
-      {"retrieval", &StageLatency::retrieval_ms},   {"matching", &StageLatency::matching_ms},
-      {"pose", &StageLatency::pose_ms},             {"total", &StageLatency::total_ms}};
+      {"preprocess", &StageLatency::preprocess_ms},
+      {"features", &StageLatency::features_ms},
+      {"retrieval", &StageLatency::retrieval_ms},
+      {"matching", &StageLatency::matching_ms},
+      {"pose", &StageLatency::pose_ms},
+      {"total", &StageLatency::total_ms}};
   if (log.frames.empty()) return;
   std::int64_t compared = 0, database = 0;
   for (const auto& [name, member] : kStages) {
     std::vector<double> values;
     for (const RunLogEntry& entry : log.frames) values.push_back(entry.latency.*member);
-    table->latency_ms.emplace_back(name, Percentiles{Quantile(values, 0.5), Quantile(values, 0.95), Quantile(values, 0.99)});
+    table->latency_ms.emplace_back(
+        name, Percentiles{Quantile(values, 0.5), Quantile(values, 0.95), Quantile(values, 0.99)});
   }
   for (const RunLogEntry& entry : log.frames) {
     compared += entry.num_compared;
     database += entry.num_database;
   }
-  if (database > 0) table->comparisons_avoided = 1 - static_cast<double>(compared) / static_cast<double>(database);
+  if (database > 0)
+    table->comparisons_avoided = 1 - static_cast<double>(compared) / static_cast<double>(database);
   table->resident_memory_mb = static_cast<double>(log.resident_memory_bytes) / 1e6;
 }
 
 }  // namespace
 
-double ScoreTable::Share(int count) const { return num_frames > 0 ? static_cast<double>(count) / num_frames : 0; }
+double ScoreTable::Share(int count) const {
+  return num_frames > 0 ? static_cast<double>(count) / num_frames : 0;
+}
 
-ScoreTable Score(const Drive& drive, const std::vector<PoseRow>& poses, const RunLog& log, double bundle_mb_per_km) {
+ScoreTable Score(const Drive& drive, const std::vector<PoseRow>& poses, const RunLog& log,
+                 double bundle_mb_per_km) {
   std::map<std::int64_t, const PoseRow*> row_of;
   for (const PoseRow& row : poses) row_of.emplace(row.timestamp_ns, &row);
   std::map<std::int64_t, const TruthPose*> truth_of;
@@ -131,24 +142,33 @@ std::string ScoreTable::ToText() const {
   const auto row = [&](const std::string& name, const std::string& value) {
     text += Format("%-34s %s\n", name.c_str(), value.c_str());
   };
-  const auto share = [&](int count) { return Format("%5.1f %%  (%d of %d)", 100 * Share(count), count, num_frames); };
+  const auto share = [&](int count) {
+    return Format("%5.1f %%  (%d of %d)", 100 * Share(count), count, num_frames);
+  };
   row("frames", Format("%d, %d with truth", num_frames, num_with_truth));
   row("fix", share(num_fixes));
   row("degraded", share(num_degraded));
   for (std::size_t b = 0; b < kAccuracyBands.size(); ++b) {
-    row(Format("within (%g m, %g deg)", kAccuracyBands[b].position_m, kAccuracyBands[b].attitude_deg), share(num_within[b]));
+    row(Format("within (%g m, %g deg)", kAccuracyBands[b].position_m,
+               kAccuracyBands[b].attitude_deg),
+        share(num_within[b]));
   }
-  row("position error of fixes", Format("median %.3f m, 95 %% %.3f m", median_position_error_m, p95_position_error_m));
-  row("attitude error of fixes", Format("median %.3f deg, 95 %% %.3f deg", median_attitude_error_deg, p95_attitude_error_deg));
+  row("position error of fixes",
+      Format("median %.3f m, 95 %% %.3f m", median_position_error_m, p95_position_error_m));
+  row("attitude error of fixes",
+      Format("median %.3f deg, 95 %% %.3f deg", median_attitude_error_deg, p95_attitude_error_deg));
   row(Format("false fixes (> %g m)", kFalseFix_m), share(num_false_fixes));
   row("longest gap without a fix", Format("%d frames", longest_gap_frames));
   row("NEES median (expected 3.36)", nees_median ? Format("%.2f", *nees_median) : std::string("-"));
   for (const auto& [stage, p] : latency_ms) {
     row("latency " + stage, Format("p50 %.1f  p95 %.1f  p99 %.1f ms", p.p50, p.p95, p.p99));
   }
-  row("resident memory", resident_memory_mb > 0 ? Format("%.0f MB", resident_memory_mb) : std::string("-"));
-  row("bundle per km of route", bundle_mb_per_km > 0 ? Format("%.1f MB", bundle_mb_per_km) : std::string("-"));
-  row("database comparisons avoided", latency_ms.empty() ? std::string("-") : Format("%.1f %%", 100 * comparisons_avoided));
+  row("resident memory",
+      resident_memory_mb > 0 ? Format("%.0f MB", resident_memory_mb) : std::string("-"));
+  row("bundle per km of route",
+      bundle_mb_per_km > 0 ? Format("%.1f MB", bundle_mb_per_km) : std::string("-"));
+  row("database comparisons avoided",
+      latency_ms.empty() ? std::string("-") : Format("%.1f %%", 100 * comparisons_avoided));
   return text;
 }
 
@@ -178,7 +198,8 @@ std::string ScoreTable::ToJson() const {
     j["latency_ms"][stage] = {{"p50", p.p50}, {"p95", p.p95}, {"p99", p.p99}};
   }
   for (const FrameScore& f : frames) {
-    nlohmann::ordered_json frame = {{"timestamp_ns", f.timestamp_ns}, {"status", FixStatusName(f.status)}};
+    nlohmann::ordered_json frame = {{"timestamp_ns", f.timestamp_ns},
+                                    {"status", FixStatusName(f.status)}};
     if (f.has_truth && f.status != FixStatus::kNoFix) {
       frame["position_error_m"] = f.position_error_m;
       frame["attitude_error_deg"] = f.attitude_error_deg;

@@ -26,9 +26,9 @@ struct FrameScore {
   std::int64_t timestamp_ns = 0;
   FixStatus status = FixStatus::kNoFix;
   bool has_truth = false;
-  double position_error_m = 0;               // 3-D; where there is a pose
-  double attitude_error_deg = 0;             // angle of the relative rotation; 0 without attitude truth
-  std::optional<double> nees;                // 4 degrees of freedom: east, north, up, heading
+  double position_error_m = 0;    // 3-D; where there is a pose
+  double attitude_error_deg = 0;  // angle of the relative rotation; 0 without attitude truth
+  std::optional<double> nees;     // 4 degrees of freedom: east, north, up, heading
 };
 
 struct Percentiles {
@@ -36,27 +36,27 @@ struct Percentiles {
 };
 
 struct ScoreTable {
-  std::vector<FrameScore> frames;   // all of the drive, in order
+  std::vector<FrameScore> frames;  // all of the drive, in order
   int num_frames = 0, num_with_truth = 0, num_fixes = 0, num_degraded = 0;
-  std::array<int, kAccuracyBands.size()> num_within{};  // fixes within each band
-  double median_position_error_m = 0, p95_position_error_m = 0;   // of fixes
+  std::array<int, kAccuracyBands.size()> num_within{};           // fixes within each band
+  double median_position_error_m = 0, p95_position_error_m = 0;  // of fixes
   double median_attitude_error_deg = 0, p95_attitude_error_deg = 0;
   int num_false_fixes = 0;
-  int longest_gap_frames = 0;       // consecutive frames without a fix
+  int longest_gap_frames = 0;         // consecutive frames without a fix
   std::optional<double> nees_median;  // expectation 3.36: the median of chi-square with 4
   std::vector<std::pair<std::string, Percentiles>> latency_ms;  // by stage
   double resident_memory_mb = 0;
-  double bundle_mb_per_km = 0;      // 0 = not known
-  double comparisons_avoided = 0;   // share
+  double bundle_mb_per_km = 0;     // 0 = not known
+  double comparisons_avoided = 0;  // share
 
   [[nodiscard]] double Share(int count) const;  // of all frames
   [[nodiscard]] std::string ToText() const;
   [[nodiscard]] std::string ToJson() const;
 };
 
-// Scores every frame of the drive; a frame without a row counts as no fix, one without truth counts in
-// the shares of fixes only. `log` may be empty; `bundle_mb_per_km` 0 where there is no bundle.
-[[nodiscard]] ScoreTable Score(const Drive& drive, const std::vector<PoseRow>& poses, const RunLog& log,
-                               double bundle_mb_per_km);
+// Scores every frame of the drive; a frame without a row counts as no fix, one without truth counts
+// in the shares of fixes only. `log` may be empty; `bundle_mb_per_km` 0 where there is no bundle.
+[[nodiscard]] ScoreTable Score(const Drive& drive, const std::vector<PoseRow>& poses,
+                               const RunLog& log, double bundle_mb_per_km);
 
 }  // namespace panofix

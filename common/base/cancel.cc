@@ -1,7 +1,7 @@
 #include "common/base/cancel.h"
 
-#include <csignal>
 #include <unistd.h>
+#include <csignal>
 
 #include <atomic>
 

@@ -1,5 +1,6 @@
 #pragma once
-// Ctrl-C and SIGTERM as a flag that long work asks between units, so that nothing is left half done.
+// Ctrl-C and SIGTERM as a flag that long work asks between units, so that nothing is left half
+// done.
 
 namespace panofix {
 

@@ -15,8 +15,10 @@ constexpr double kPlainPeriod_s = 10.0;
 std::string Duration(double seconds) {
   const auto whole = static_cast<std::int64_t>(seconds + 0.5);
   if (whole < 60) return Format("%ld s", static_cast<long>(whole));
-  if (whole < 3600) return Format("%ld min %02ld s", static_cast<long>(whole / 60), static_cast<long>(whole % 60));
-  return Format("%ld h %02ld min", static_cast<long>(whole / 3600), static_cast<long>(whole / 60 % 60));
+  if (whole < 3600)
+    return Format("%ld min %02ld s", static_cast<long>(whole / 60), static_cast<long>(whole % 60));
+  return Format("%ld h %02ld min", static_cast<long>(whole / 3600),
+                static_cast<long>(whole / 60 % 60));
 }
 
 double Seconds(std::chrono::steady_clock::duration duration) {
@@ -26,8 +28,12 @@ double Seconds(std::chrono::steady_clock::duration duration) {
 }  // namespace
 
 Progress::Progress(std::string label, std::int64_t total, std::string unit)
-    : label_(std::move(label)), unit_(std::move(unit)), total_(total),
-      start_(std::chrono::steady_clock::now()), shown_(start_), terminal_(isatty(STDERR_FILENO) != 0) {}
+    : label_(std::move(label)),
+      unit_(std::move(unit)),
+      total_(total),
+      start_(std::chrono::steady_clock::now()),
+      shown_(start_),
+      terminal_(isatty(STDERR_FILENO) != 0) {}
 
 Progress::~Progress() { Finish(); }
 

@@ -20,8 +20,9 @@ class Progress {
   void Add(std::int64_t count = 1);
   void Finish();
   // "extract 12/40 panoramas, 3.1/s, 9 s left": what a line shows after `elapsed_s`.
-  [[nodiscard]] static std::string Line(const std::string& label, std::int64_t done, std::int64_t total,
-                                        const std::string& unit, double elapsed_s);
+  [[nodiscard]] static std::string Line(const std::string& label, std::int64_t done,
+                                        std::int64_t total, const std::string& unit,
+                                        double elapsed_s);
 
  private:
   void Show(bool last);

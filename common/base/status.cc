@@ -4,34 +4,53 @@ namespace panofix {
 
 const char* ErrorCodeName(ErrorCode code) {
   switch (code) {
-    case ErrorCode::kOk: return "ok";
-    case ErrorCode::kInvalidArgument: return "invalid argument";
-    case ErrorCode::kNotFound: return "not found";
-    case ErrorCode::kIo: return "input/output error";
-    case ErrorCode::kBadData: return "bad data";
-    case ErrorCode::kTooLarge: return "too large";
-    case ErrorCode::kUnsupportedVersion: return "unsupported version";
-    case ErrorCode::kChecksumMismatch: return "checksum mismatch";
-    case ErrorCode::kNoSpace: return "disk full";
-    case ErrorCode::kCancelled: return "interrupted";
-    case ErrorCode::kInternal: return "internal error";
+    case ErrorCode::kOk:
+      return "ok";
+    case ErrorCode::kInvalidArgument:
+      return "invalid argument";
+    case ErrorCode::kNotFound:
+      return "not found";
+    case ErrorCode::kIo:
+      return "input/output error";
+    case ErrorCode::kBadData:
+      return "bad data";
+    case ErrorCode::kTooLarge:
+      return "too large";
+    case ErrorCode::kUnsupportedVersion:
+      return "unsupported version";
+    case ErrorCode::kChecksumMismatch:
+      return "checksum mismatch";
+    case ErrorCode::kNoSpace:
+      return "disk full";
+    case ErrorCode::kCancelled:
+      return "interrupted";
+    case ErrorCode::kInternal:
+      return "internal error";
   }
   return "unknown";
 }
 
 int ExitCode(ErrorCode code) {
   switch (code) {
-    case ErrorCode::kOk: return 0;
-    case ErrorCode::kInvalidArgument: return 64;
+    case ErrorCode::kOk:
+      return 0;
+    case ErrorCode::kInvalidArgument:
+      return 64;
     case ErrorCode::kBadData:
     case ErrorCode::kTooLarge:
-    case ErrorCode::kChecksumMismatch: return 65;
-    case ErrorCode::kNotFound: return 66;
-    case ErrorCode::kInternal: return 70;
+    case ErrorCode::kChecksumMismatch:
+      return 65;
+    case ErrorCode::kNotFound:
+      return 66;
+    case ErrorCode::kInternal:
+      return 70;
     case ErrorCode::kIo:
-    case ErrorCode::kNoSpace: return 74;
-    case ErrorCode::kUnsupportedVersion: return 76;
-    case ErrorCode::kCancelled: return 130;
+    case ErrorCode::kNoSpace:
+      return 74;
+    case ErrorCode::kUnsupportedVersion:
+      return 76;
+    case ErrorCode::kCancelled:
+      return 130;
   }
   return 70;
 }

@@ -26,7 +26,8 @@ enum class ErrorCode {
 [[nodiscard]] const char* ErrorCodeName(ErrorCode code);
 
 // Exit code of a program that ends with `code`, after sysexits.h: 0 done, 64 usage, 65 bad data,
-// 66 no input, 70 internal, 74 input/output or disk full, 75 try again, 76 version, 130 interrupted.
+// 66 no input, 70 internal, 74 input/output or disk full, 75 try again, 76 version, 130
+// interrupted.
 [[nodiscard]] int ExitCode(ErrorCode code);
 
 // Messages name the file, the fault and the mend: "pano.gsv: 3 bytes long; re-export the depth".
@@ -48,15 +49,24 @@ class [[nodiscard]] Status {
 template <typename T>
 class [[nodiscard]] Result {
  public:
-  Result(T value) : state_(std::move(value)) {}                // NOLINT: implicit on purpose
-  Result(Status status) : state_(std::move(status)) {          // NOLINT: implicit on purpose
+  Result(T value) : state_(std::move(value)) {}        // NOLINT: implicit on purpose
+  Result(Status status) : state_(std::move(status)) {  // NOLINT: implicit on purpose
     if (std::get<Status>(state_).ok()) throw std::logic_error("Result built from an ok status");
   }
   [[nodiscard]] bool ok() const { return std::holds_alternative<T>(state_); }
   [[nodiscard]] Status status() const { return ok() ? Status() : std::get<Status>(state_); }
-  [[nodiscard]] const T& value() const& { Require(); return std::get<T>(state_); }
-  [[nodiscard]] T& value() & { Require(); return std::get<T>(state_); }
-  [[nodiscard]] T&& value() && { Require(); return std::get<T>(std::move(state_)); }
+  [[nodiscard]] const T& value() const& {
+    Require();
+    return std::get<T>(state_);
+  }
+  [[nodiscard]] T& value() & {
+    Require();
+    return std::get<T>(state_);
+  }
+  [[nodiscard]] T&& value() && {
+    Require();
+    return std::get<T>(std::move(state_));
+  }
   [[nodiscard]] const T& operator*() const& { return value(); }
   [[nodiscard]] T& operator*() & { return value(); }
   [[nodiscard]] const T* operator->() const { return &value(); }
@@ -64,7 +74,8 @@ class [[nodiscard]] Result {
 
  private:
   void Require() const {
-    if (!ok()) throw std::logic_error("value of a failed result: " + std::get<Status>(state_).message());
+    if (!ok())
+      throw std::logic_error("value of a failed result: " + std::get<Status>(state_).message());
   }
   std::variant<T, Status> state_;
 };

@@ -10,7 +10,8 @@ namespace {
 // OpenCV's model: x' = x * radial + tangential, Jacobian by the closed form.
 Eigen::Vector2d Distort(const Camera& camera, const Eigen::Vector2d& n, Eigen::Matrix2d* jacobian) {
   const auto& d = camera.distortion;
-  const double k1 = d[0], k2 = d[1], p1 = d[2], p2 = d[3], k3 = d[4], k4 = d[5], k5 = d[6], k6 = d[7];
+  const double k1 = d[0], k2 = d[1], p1 = d[2], p2 = d[3], k3 = d[4], k4 = d[5], k5 = d[6],
+               k6 = d[7];
   const double x = n.x(), y = n.y(), r2 = x * x + y * y;
   const double numerator = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
   const double denominator = 1 + r2 * (k4 + r2 * (k5 + r2 * k6));
@@ -83,14 +84,15 @@ Eigen::Vector2d Camera::Normalize(const Eigen::Vector2d& px) const {
 Status Camera::Check() const {
   constexpr int kMaxSide_px = 32768;
   if (width_px < 16 || height_px < 16 || width_px > kMaxSide_px || height_px > kMaxSide_px) {
-    return {ErrorCode::kInvalidArgument,
-            Format("image size %dx%d; each side must lie in 16..%d", width_px, height_px, kMaxSide_px)};
+    return {ErrorCode::kInvalidArgument, Format("image size %dx%d; each side must lie in 16..%d",
+                                                width_px, height_px, kMaxSide_px)};
   }
   for (const double value : {fx_px, fy_px, cx_px, cy_px}) {
     if (!std::isfinite(value)) return {ErrorCode::kInvalidArgument, "camera_matrix is not finite"};
   }
   if (fx_px <= 0 || fy_px <= 0) {
-    return {ErrorCode::kInvalidArgument, Format("focal lengths %g, %g; must be above 0", fx_px, fy_px)};
+    return {ErrorCode::kInvalidArgument,
+            Format("focal lengths %g, %g; must be above 0", fx_px, fy_px)};
   }
   for (const double value : distortion) {
     if (!std::isfinite(value)) {

@@ -30,8 +30,8 @@ struct Camera {
   [[nodiscard]] Eigen::Matrix3d Matrix() const;
   // Pixel of a point in cam; nullopt where it lies behind the camera.
   [[nodiscard]] std::optional<Eigen::Vector2d> Project(const Eigen::Vector3d& x_in_cam) const;
-  // Undistorted normalised coordinates (x/z, y/z) of a pixel (Newton; exact to 1e-12 where the model
-  // is invertible).
+  // Undistorted normalised coordinates (x/z, y/z) of a pixel (Newton; exact to 1e-12 where the
+  // model is invertible).
   [[nodiscard]] Eigen::Vector2d Normalize(const Eigen::Vector2d& px) const;
   // kInvalidArgument with the offending field named: sizes, focal lengths, finiteness.
   [[nodiscard]] Status Check() const;

@@ -8,9 +8,12 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 constexpr std::pair<const char*, double StageLatency::*> kStages[] = {
-    {"preprocess_ms", &StageLatency::preprocess_ms}, {"features_ms", &StageLatency::features_ms},
-    {"retrieval_ms", &StageLatency::retrieval_ms},   {"matching_ms", &StageLatency::matching_ms},
-    {"pose_ms", &StageLatency::pose_ms},             {"total_ms", &StageLatency::total_ms}};
+    {"preprocess_ms", &StageLatency::preprocess_ms},
+    {"features_ms", &StageLatency::features_ms},
+    {"retrieval_ms", &StageLatency::retrieval_ms},
+    {"matching_ms", &StageLatency::matching_ms},
+    {"pose_ms", &StageLatency::pose_ms},
+    {"total_ms", &StageLatency::total_ms}};
 
 }  // namespace
 
@@ -23,12 +26,14 @@ std::string ToJson(const RunLog& log) {
     for (const auto& [name, member] : kStages) frame[name] = entry.latency.*member;
     frames.push_back(std::move(frame));
   }
-  return Json({{"resident_memory_bytes", log.resident_memory_bytes}, {"frames", frames}}).dump(1) + "\n";
+  return Json({{"resident_memory_bytes", log.resident_memory_bytes}, {"frames", frames}}).dump(1) +
+         "\n";
 }
 
 Result<RunLog> ReadRunLog(const std::filesystem::path& path) {
   std::ifstream file(path);
-  if (!file) return Status(ErrorCode::kNotFound, path.string() + ": cannot be read; give the runtime --log");
+  if (!file)
+    return Status(ErrorCode::kNotFound, path.string() + ": cannot be read; give the runtime --log");
   try {
     const Json j = Json::parse(file);
     RunLog log;
@@ -43,7 +48,8 @@ Result<RunLog> ReadRunLog(const std::filesystem::path& path) {
     }
     return log;
   } catch (const std::exception& error) {
-    return Status(ErrorCode::kBadData, path.string() + ": " + error.what() + "; run the runtime again");
+    return Status(ErrorCode::kBadData,
+                  path.string() + ": " + error.what() + "; run the runtime again");
   }
 }
 

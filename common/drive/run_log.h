@@ -1,5 +1,6 @@
 #pragma once
-// What a runtime measured while it answered frames: the part of a score that poses.csv has no columns for.
+// What a runtime measured while it answered frames: the part of a score that poses.csv has no
+// columns for.
 
 #include <cstdint>
 #include <filesystem>
@@ -12,7 +13,8 @@ namespace panofix {
 
 // Wall time of one frame by stage, milliseconds.
 struct StageLatency {
-  double preprocess_ms = 0, features_ms = 0, retrieval_ms = 0, matching_ms = 0, pose_ms = 0, total_ms = 0;
+  double preprocess_ms = 0, features_ms = 0, retrieval_ms = 0, matching_ms = 0, pose_ms = 0,
+         total_ms = 0;
 };
 
 struct RunLogEntry {

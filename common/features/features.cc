@@ -12,8 +12,9 @@
 namespace panofix {
 namespace {
 
-// OpenCV 4.6 doubles the image with cv::resize before its first octave and halves coordinates after,
-// without the half-pixel shift of resize: found points lie 1/4 px right of and below the structure.
+// OpenCV 4.6 doubles the image with cv::resize before its first octave and halves coordinates
+// after, without the half-pixel shift of resize: found points lie 1/4 px right of and below the
+// structure.
 constexpr float kUpsamplingShift_px = 0.25F;
 
 cv::Mat View(const GrayImage& image) {
@@ -25,8 +26,7 @@ void Quantize(const float* values, bool root_sift, std::uint8_t* bytes) {
   float sum = 0;
   for (int i = 0; i < kDescriptorSize; ++i) sum += values[i];
   for (int i = 0; i < kDescriptorSize; ++i) {
-    const float value =
-        root_sift ? 512.0F * std::sqrt(values[i] / std::max(sum, 1.0F)) : values[i];
+    const float value = root_sift ? 512.0F * std::sqrt(values[i] / std::max(sum, 1.0F)) : values[i];
     bytes[i] = static_cast<std::uint8_t>(std::clamp(std::lround(value), 0L, 255L));
   }
 }
@@ -61,7 +61,8 @@ FeatureSet ToFeatureSet(const std::vector<cv::KeyPoint>& found, const cv::Mat& d
 // without it a large region would be described pixel by pixel at full size.
 int PackedOctave(float size_px) {
   constexpr float kBaseDiameter_px = 3.2F;  // 2 sigma of the first level
-  const int octave = std::clamp(static_cast<int>(std::floor(std::log2(size_px / kBaseDiameter_px))), 0, 6);
+  const int octave =
+      std::clamp(static_cast<int>(std::floor(std::log2(size_px / kBaseDiameter_px))), 0, 6);
   return octave | (1 << 8);
 }
 
@@ -69,9 +70,12 @@ int PackedOctave(float size_px) {
 
 const char* EqualizationName(Equalization equalization) {
   switch (equalization) {
-    case Equalization::kNone: return "none";
-    case Equalization::kGlobal: return "global";
-    case Equalization::kClahe: return "clahe";
+    case Equalization::kNone:
+      return "none";
+    case Equalization::kGlobal:
+      return "global";
+    case Equalization::kClahe:
+      return "clahe";
   }
   return "none";
 }
@@ -80,7 +84,8 @@ Result<Equalization> ParseEqualization(const std::string& name) {
   for (const Equalization e : {Equalization::kNone, Equalization::kGlobal, Equalization::kClahe}) {
     if (name == EqualizationName(e)) return e;
   }
-  return Status(ErrorCode::kInvalidArgument, "equalization '" + name + "'; use none, global or clahe");
+  return Status(ErrorCode::kInvalidArgument,
+                "equalization '" + name + "'; use none, global or clahe");
 }
 
 void FeatureOptions::Check() const {
@@ -89,11 +94,14 @@ void FeatureOptions::Check() const {
   };
   require(clahe_clip_limit > 0 && clahe_clip_limit <= 100,
           Format("clahe_clip_limit = %g; must lie in (0, 100]", clahe_clip_limit));
-  require(clahe_tiles >= 1 && clahe_tiles <= 64, Format("clahe_tiles = %d; must lie in 1..64", clahe_tiles));
-  require(max_sift >= 50 && max_sift <= 50000, Format("max_sift = %d; must lie in 50..50000", max_sift));
+  require(clahe_tiles >= 1 && clahe_tiles <= 64,
+          Format("clahe_tiles = %d; must lie in 1..64", clahe_tiles));
+  require(max_sift >= 50 && max_sift <= 50000,
+          Format("max_sift = %d; must lie in 50..50000", max_sift));
   require(sift_contrast_threshold >= 0 && sift_contrast_threshold < 1,
           Format("sift_contrast_threshold = %g; must lie in [0, 1)", sift_contrast_threshold));
-  require(max_mser >= 0 && max_mser <= 10000, Format("max_mser = %d; must lie in 0..10000", max_mser));
+  require(max_mser >= 0 && max_mser <= 10000,
+          Format("max_mser = %d; must lie in 0..10000", max_mser));
 }
 
 GrayImage Preprocess(const GrayImage& image, const FeatureOptions& options) {
@@ -123,7 +131,8 @@ FeatureSet ExtractMser(const GrayImage& image, const FeatureOptions& options) {
   const int area = image.width_px * image.height_px;
   std::vector<std::vector<cv::Point>> regions;
   std::vector<cv::Rect> boxes;
-  cv::MSER::create(5, std::max(30, area / 16000), area / 20)->detectRegions(View(image), regions, boxes);
+  cv::MSER::create(5, std::max(30, area / 16000), area / 20)
+      ->detectRegions(View(image), regions, boxes);
   std::vector<cv::KeyPoint> found;
   for (const auto& region : regions) {
     // Second moments: the ellipse's mean diameter is 4 (det S)^(1/4).
@@ -141,7 +150,8 @@ FeatureSet ExtractMser(const GrayImage& image, const FeatureOptions& options) {
   }
   // Large regions are the repeatable ones.
   std::sort(found.begin(), found.end(), [](const cv::KeyPoint& a, const cv::KeyPoint& b) {
-    return std::make_tuple(-a.response, a.pt.y, a.pt.x) < std::make_tuple(-b.response, b.pt.y, b.pt.x);
+    return std::make_tuple(-a.response, a.pt.y, a.pt.x) <
+           std::make_tuple(-b.response, b.pt.y, b.pt.x);
   });
   if (found.size() > static_cast<std::size_t>(options.max_mser)) {
     found.resize(static_cast<std::size_t>(options.max_mser));

@@ -45,12 +45,12 @@ enum class Equalization {
 // with the options it was built with, so they travel in its manifest.
 struct FeatureOptions {
   Equalization equalization = Equalization::kClahe;
-  double clahe_clip_limit = 2.5;        // kClahe only
-  int clahe_tiles = 8;                  // tiles a side, kClahe only
-  int max_sift = 2000;                  // strongest kept an image; time and bytes grow with it
+  double clahe_clip_limit = 2.5;          // kClahe only
+  int clahe_tiles = 8;                    // tiles a side, kClahe only
+  int max_sift = 2000;                    // strongest kept an image; time and bytes grow with it
   double sift_contrast_threshold = 0.03;  // lower finds more and weaker keypoints
-  int max_mser = 400;                   // largest-margin regions kept an image; words only
-  bool root_sift = true;                // Hellinger kernel (Arandjelovic and Zisserman, CVPR 2012)
+  int max_mser = 400;                     // largest-margin regions kept an image; words only
+  bool root_sift = true;  // Hellinger kernel (Arandjelovic and Zisserman, CVPR 2012)
   // Throws std::invalid_argument naming field, value and rule.
   void Check() const;
 };

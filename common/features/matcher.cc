@@ -46,7 +46,8 @@ __attribute__((target("avx2"))) void DotsAvx2(const std::int16_t* a, const std::
     __m256i odd = _mm256_madd_epi16(query[1], _mm256_loadu_si256(other + 1));
     for (std::size_t i = 2; i < kWords; i += 2) {
       even = _mm256_add_epi32(even, _mm256_madd_epi16(query[i], _mm256_loadu_si256(other + i)));
-      odd = _mm256_add_epi32(odd, _mm256_madd_epi16(query[i + 1], _mm256_loadu_si256(other + i + 1)));
+      odd =
+          _mm256_add_epi32(odd, _mm256_madd_epi16(query[i + 1], _mm256_loadu_si256(other + i + 1)));
     }
     const __m256i sum8 = _mm256_add_epi32(even, odd);
     __m128i sum = _mm_add_epi32(_mm256_castsi256_si128(sum8), _mm256_extracti128_si256(sum8, 1));
@@ -107,7 +108,8 @@ std::vector<FeatureMatch> MatchDescriptors(std::span<const std::uint8_t> query,
       } else if (distance < second) {
         second = distance;
       }
-      if (distance < column_best[j]) column_best[j] = distance, column_query[j] = static_cast<int>(i);
+      if (distance < column_best[j])
+        column_best[j] = distance, column_query[j] = static_cast<int>(i);
     }
     // Distances are squared, so is the ratio. A lone candidate cannot pass a ratio test.
     const double limit = options.max_ratio * options.max_ratio * second;

@@ -8,9 +8,9 @@
 namespace panofix {
 
 struct MatchOptions {
-  double max_ratio = 0.8;      // nearest / second nearest distance (Lowe); 1 switches it off
-  bool mutual = true;          // each must be the other's nearest
-  void Check() const;          // throws std::invalid_argument
+  double max_ratio = 0.8;  // nearest / second nearest distance (Lowe); 1 switches it off
+  bool mutual = true;      // each must be the other's nearest
+  void Check() const;      // throws std::invalid_argument
 };
 
 struct FeatureMatch {
@@ -18,8 +18,8 @@ struct FeatureMatch {
   int distance_sq = 0;  // squared L2 of the byte descriptors
 };
 
-// Brute force over N x 128 and M x 128 bytes: O(N M), about 10 ns a pair without AVX2, 2 ns with; both
-// count in integers and agree exactly. Matches come in the order of the query.
+// Brute force over N x 128 and M x 128 bytes: O(N M), about 10 ns a pair without AVX2, 2 ns with;
+// both count in integers and agree exactly. Matches come in the order of the query.
 [[nodiscard]] std::vector<FeatureMatch> MatchDescriptors(std::span<const std::uint8_t> query,
                                                          std::span<const std::uint8_t> database,
                                                          const MatchOptions& options);

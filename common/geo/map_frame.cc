@@ -14,15 +14,17 @@ namespace {
 using GeographicLib::LambertConformalConic;
 
 LambertConformalConic Cone(const LambertParameters& p) {
-  return LambertConformalConic(GeographicLib::Constants::WGS84_a(), GeographicLib::Constants::WGS84_f(),
-                               p.lat1_deg, p.lat2_deg, p.scale);
+  return LambertConformalConic(GeographicLib::Constants::WGS84_a(),
+                               GeographicLib::Constants::WGS84_f(), p.lat1_deg, p.lat2_deg,
+                               p.scale);
 }
 
 struct Forward {
   double x, y, convergence_deg, scale;
 };
 
-// Construction of the cone costs a microsecond; keeping no GeographicLib type in the header is worth it.
+// Construction of the cone costs a microsecond; keeping no GeographicLib type in the header is
+// worth it.
 Forward Project(const LambertParameters& p, const Geodetic& point) {
   Forward f{};
   Cone(p).Forward(p.lon0_deg, point.lat_deg, point.lon_deg, f.x, f.y, f.convergence_deg, f.scale);
@@ -32,9 +34,9 @@ Forward Project(const LambertParameters& p, const Geodetic& point) {
 }  // namespace
 
 MapFrame::MapFrame(const LambertParameters& parameters) : parameters_(parameters) {
-  for (const double value : {parameters.lat1_deg, parameters.lat2_deg, parameters.lat0_deg,
-                             parameters.lon0_deg, parameters.scale, parameters.false_easting_m,
-                             parameters.false_northing_m}) {
+  for (const double value :
+       {parameters.lat1_deg, parameters.lat2_deg, parameters.lat0_deg, parameters.lon0_deg,
+        parameters.scale, parameters.false_easting_m, parameters.false_northing_m}) {
     if (!std::isfinite(value)) throw std::invalid_argument("Lambert parameter is not finite");
   }
   try {
@@ -75,10 +77,11 @@ Eigen::Vector3d MapFrame::ToMap(const Geodetic& point) const {
 
 Geodetic MapFrame::ToGeodetic(const Eigen::Vector3d& point_in_map) const {
   Geodetic point;
-  Cone(parameters_).Reverse(parameters_.lon0_deg,
-                            point_in_map.x() + origin_easting_m_ - parameters_.false_easting_m,
-                            point_in_map.y() + origin_northing_m_ - parameters_.false_northing_m,
-                            point.lat_deg, point.lon_deg);
+  Cone(parameters_)
+      .Reverse(parameters_.lon0_deg,
+               point_in_map.x() + origin_easting_m_ - parameters_.false_easting_m,
+               point_in_map.y() + origin_northing_m_ - parameters_.false_northing_m, point.lat_deg,
+               point.lon_deg);
   point.height_m = point_in_map.z();
   return point;
 }
@@ -87,7 +90,9 @@ double MapFrame::ConvergenceRad(const Geodetic& point) const {
   return Project(parameters_, point).convergence_deg * kRadPerDeg;
 }
 
-double MapFrame::PointScale(const Geodetic& point) const { return Project(parameters_, point).scale; }
+double MapFrame::PointScale(const Geodetic& point) const {
+  return Project(parameters_, point).scale;
+}
 
 Eigen::Matrix3d MapFrame::MapFromEnu(const Geodetic& point) const {
   return Eigen::AngleAxisd(ConvergenceRad(point), Eigen::Vector3d::UnitZ()).toRotationMatrix();

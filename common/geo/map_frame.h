@@ -18,9 +18,9 @@ struct Geodetic {
 // Parameters of a Lambert conformal conic (Snyder, "Map projections: a working manual", 1987,
 // section 15). lat1 == lat2 is the tangent cone.
 struct LambertParameters {
-  double lat1_deg = 0, lat2_deg = 0;      // standard parallels
-  double lat0_deg = 0, lon0_deg = 0;      // origin
-  double scale = 1;                       // on the standard parallels
+  double lat1_deg = 0, lat2_deg = 0;  // standard parallels
+  double lat0_deg = 0, lon0_deg = 0;  // origin
+  double scale = 1;                   // on the standard parallels
   double false_easting_m = 0, false_northing_m = 0;
 };
 
@@ -29,8 +29,8 @@ class MapFrame {
  public:
   // Throws std::invalid_argument where a parameter is not finite or the parallels make no cone.
   explicit MapFrame(const LambertParameters& parameters);
-  // Tangent cone at `origin`, scale 1, false origin 0. Within 10 degrees of the equator or 1 degree of
-  // a pole the parallel is moved to that bound: the cone degenerates there.
+  // Tangent cone at `origin`, scale 1, false origin 0. Within 10 degrees of the equator or 1 degree
+  // of a pole the parallel is moved to that bound: the cone degenerates there.
   [[nodiscard]] static MapFrame Tangent(const Geodetic& origin);
   // A known name ("EPSG:2154", "lambert93"), or kNotFound.
   [[nodiscard]] static Result<MapFrame> FromName(const std::string& name);

@@ -15,7 +15,8 @@ struct Attitude {
 
 inline constexpr double kRadPerDeg = 0.017453292519943295769;
 
-// R_enu_from_body = Rz(-heading) Rx(pitch) Ry(roll): columns are the body's right, forward, up axes.
+// R_enu_from_body = Rz(-heading) Rx(pitch) Ry(roll): columns are the body's right, forward, up
+// axes.
 [[nodiscard]] Eigen::Matrix3d EnuFromBody(const Attitude& attitude);
 // Inverse of EnuFromBody. heading in [0, 360), pitch in [-90, 90], roll in (-180, 180]; at
 // pitch = +-90 the roll is set to 0.

@@ -93,7 +93,8 @@ LambertParameters LambertFrom(const Json& j) {
 
 // A path that cannot leave the bundle's folder.
 bool IsSafePath(const std::string& path) {
-  if (path.empty() || path.size() > 256 || path.front() == '/' || path.find('\\') != std::string::npos) {
+  if (path.empty() || path.size() > 256 || path.front() == '/' ||
+      path.find('\\') != std::string::npos) {
     return false;
   }
   std::size_t begin = 0;
@@ -114,9 +115,12 @@ std::vector<BundlePart> PartsFrom(const Json& list) {
     j.at("path").get_to(part.path);
     j.at("num_bytes").get_to(part.num_bytes);
     j.at("sha256").get_to(part.sha256);
-    if (!IsSafePath(part.path)) throw std::invalid_argument("part path '" + part.path + "' is not allowed");
-    if (!seen.insert(part.path).second) throw std::invalid_argument("part '" + part.path + "' twice");
-    if (part.sha256.size() != 64 || part.sha256.find_first_not_of("0123456789abcdef") != std::string::npos) {
+    if (!IsSafePath(part.path))
+      throw std::invalid_argument("part path '" + part.path + "' is not allowed");
+    if (!seen.insert(part.path).second)
+      throw std::invalid_argument("part '" + part.path + "' twice");
+    if (part.sha256.size() != 64 ||
+        part.sha256.find_first_not_of("0123456789abcdef") != std::string::npos) {
       throw std::invalid_argument("part '" + part.path + "': sha256 is not 64 hex digits");
     }
     parts.push_back(std::move(part));
@@ -162,50 +166,52 @@ std::string ToJson(const Manifest& m) {
   for (const BundlePart& part : m.parts) {
     parts.push_back({{"path", part.path}, {"num_bytes", part.num_bytes}, {"sha256", part.sha256}});
   }
-  const Json j = {
-      {"format", {{"name", "panofix-bundle"}, {"major", m.major}, {"minor", m.minor}}},
-      {"name", m.name},
-      {"build", m.build},
-      {"generator", m.generator},
-      {"map_frame", LambertJson(m.map_frame)},
-      {"camera", CameraJson(m.camera)},
-      {"preprocessing", FeaturesJson(m.features)},
-      {"errors",
-       {{"range_sigma_share", m.errors.range_sigma_share},
-        {"normal_sigma_deg", m.errors.normal_sigma_deg},
-        {"relief_sigma_m", m.errors.relief_sigma_m},
-        {"panorama_position_sigma_m", m.errors.panorama_position_sigma_m},
-        {"panorama_heading_sigma_deg", m.errors.panorama_heading_sigma_deg}}},
-      {"provenance",
-       {{"source", m.provenance.source},
-        {"licence", m.provenance.licence},
-        {"height_datum", m.provenance.height_datum},
-        {"data_set_sha256", m.provenance.data_set_sha256},
-        {"options", m.provenance.options.empty() ? Json::object() : Json::parse(m.provenance.options)}}},
-      {"counts",
-       {{"panoramas", m.num_panoramas},
-        {"views", m.num_views},
-        {"features", m.num_features},
-        {"set_aside", m.num_set_aside},
-        {"views_per_panorama", m.views_per_panorama}}},
-      {"parts", parts}};
+  const Json j = {{"format", {{"name", "panofix-bundle"}, {"major", m.major}, {"minor", m.minor}}},
+                  {"name", m.name},
+                  {"build", m.build},
+                  {"generator", m.generator},
+                  {"map_frame", LambertJson(m.map_frame)},
+                  {"camera", CameraJson(m.camera)},
+                  {"preprocessing", FeaturesJson(m.features)},
+                  {"errors",
+                   {{"range_sigma_share", m.errors.range_sigma_share},
+                    {"normal_sigma_deg", m.errors.normal_sigma_deg},
+                    {"relief_sigma_m", m.errors.relief_sigma_m},
+                    {"panorama_position_sigma_m", m.errors.panorama_position_sigma_m},
+                    {"panorama_heading_sigma_deg", m.errors.panorama_heading_sigma_deg}}},
+                  {"provenance",
+                   {{"source", m.provenance.source},
+                    {"licence", m.provenance.licence},
+                    {"height_datum", m.provenance.height_datum},
+                    {"data_set_sha256", m.provenance.data_set_sha256},
+                    {"options", m.provenance.options.empty() ? Json::object()
+                                                             : Json::parse(m.provenance.options)}}},
+                  {"counts",
+                   {{"panoramas", m.num_panoramas},
+                    {"views", m.num_views},
+                    {"features", m.num_features},
+                    {"set_aside", m.num_set_aside},
+                    {"views_per_panorama", m.views_per_panorama}}},
+                  {"parts", parts}};
   return j.dump(1) + "\n";
 }
 
 Result<Manifest> ParseManifest(const std::string& text, const std::string& name) {
   constexpr std::size_t kMaxBytes = std::size_t{64} << 20;
   if (text.size() > kMaxBytes) {
-    return Status(ErrorCode::kTooLarge, Format("%s: %zu bytes; a manifest has at most %zu", name.c_str(),
-                                               text.size(), kMaxBytes));
+    return Status(ErrorCode::kTooLarge, Format("%s: %zu bytes; a manifest has at most %zu",
+                                               name.c_str(), text.size(), kMaxBytes));
   }
   try {
     const Json j = Json::parse(text);
-    if (j.at("format").at("name") != "panofix-bundle") throw std::invalid_argument("not a panofix bundle");
+    if (j.at("format").at("name") != "panofix-bundle")
+      throw std::invalid_argument("not a panofix bundle");
     const int major = j.at("format").at("major").get<int>();
     if (major != kBundleMajor) {
-      return Status(ErrorCode::kUnsupportedVersion,
-                    Format("%s: bundle format %d, this program reads format %d; %s", name.c_str(), major,
-                           kBundleMajor, major > kBundleMajor ? "update panofix" : "build the bundle again"));
+      return Status(
+          ErrorCode::kUnsupportedVersion,
+          Format("%s: bundle format %d, this program reads format %d; %s", name.c_str(), major,
+                 kBundleMajor, major > kBundleMajor ? "update panofix" : "build the bundle again"));
     }
     return ManifestFrom(j);
   } catch (const std::exception& error) {

@@ -25,12 +25,12 @@ struct BundlePart {
   std::string sha256;
 };
 
-// 1-sigma errors of the map that estimators weigh residuals with. The first three are in each point's
-// range sigma already; they are kept for the record.
+// 1-sigma errors of the map that estimators weigh residuals with. The first three are in each
+// point's range sigma already; they are kept for the record.
 struct MapErrors {
-  double range_sigma_share = 0.02;      // of a plane's distance
-  double normal_sigma_deg = 0.5;        // of a plane's direction
-  double relief_sigma_m = 0.15;         // off the plane: balconies and bays that the planes leave out
+  double range_sigma_share = 0.02;  // of a plane's distance
+  double normal_sigma_deg = 0.5;    // of a plane's direction
+  double relief_sigma_m = 0.15;     // off the plane: balconies and bays that the planes leave out
   double panorama_position_sigma_m = 0.05;
   double panorama_heading_sigma_deg = 0.1;
 };
@@ -47,8 +47,8 @@ struct Manifest {
   std::int64_t build = 0;  // grows from release to release
   std::string generator;   // program and version
   LambertParameters map_frame;
-  Camera camera;             // the vehicle's; views are cut with it, undistorted
-  FeatureOptions features;   // preprocessing contract
+  Camera camera;            // the vehicle's; views are cut with it, undistorted
+  FeatureOptions features;  // preprocessing contract
   MapErrors errors;
   Provenance provenance;
   std::int64_t num_panoramas = 0, num_views = 0, num_features = 0, num_set_aside = 0;

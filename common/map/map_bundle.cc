@@ -34,9 +34,9 @@ bool AllBelow(std::span<const std::uint32_t> values, std::size_t bound) {
 }
 
 // Reads array `name` into `target`, or returns the failure from the calling function.
-#define PANOFIX_READ(target, file, type, name, cols)       \
-  auto target##_read = (file).Read<type>(name, cols);      \
-  if (!target##_read.ok()) return target##_read.status();  \
+#define PANOFIX_READ(target, file, type, name, cols)      \
+  auto target##_read = (file).Read<type>(name, cols);     \
+  if (!target##_read.ok()) return target##_read.status(); \
   auto target = std::move(target##_read).value()
 
 Status LoadTree(const Hdf5Reader& file, const std::string& group, VocabularyTree* tree) {
@@ -50,7 +50,8 @@ Status LoadTree(const Hdf5Reader& file, const std::string& group, VocabularyTree
   tree->word.assign(word.values.begin(), word.values.end());
   tree->num_words = 0;
   for (std::size_t node = 0; node < tree->word.size(); ++node) {
-    if (tree->num_children.size() == tree->word.size() && tree->num_children[node] == 0) ++tree->num_words;
+    if (tree->num_children.size() == tree->word.size() && tree->num_children[node] == 0)
+      ++tree->num_words;
   }
   return {};
 }
@@ -66,8 +67,9 @@ Result<std::string> ReadText(const std::filesystem::path& path, std::size_t max_
 Result<Manifest> MapBundle::ReadManifest(const std::filesystem::path& folder, std::string* id) {
   const std::string name = (folder / kManifestName).string();
   if (!std::filesystem::is_directory(folder)) {
-    return Status(ErrorCode::kNotFound, folder.string() + ": no such bundle folder; build one with "
-                                                          "panofix-builder build");
+    return Status(ErrorCode::kNotFound, folder.string() +
+                                            ": no such bundle folder; build one with "
+                                            "panofix-builder build");
   }
   auto text = ReadText(folder / kManifestName, std::size_t{64} << 20);
   if (!text.ok()) return text.status();
@@ -77,7 +79,8 @@ Result<Manifest> MapBundle::ReadManifest(const std::filesystem::path& folder, st
   if (hash->substr(0, 64) != *id) {
     // A newer format may hash another way: say so first.
     const auto parsed = ParseManifest(*text, name);
-    if (!parsed.ok() && parsed.status().code() == ErrorCode::kUnsupportedVersion) return parsed.status();
+    if (!parsed.ok() && parsed.status().code() == ErrorCode::kUnsupportedVersion)
+      return parsed.status();
     return Status(ErrorCode::kChecksumMismatch,
                   name + ": its SHA-256 is not the one in " + kManifestHashName + kMend);
   }
@@ -92,7 +95,9 @@ Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::
   bundle->id_ = id;
   // The graph first (it names the panoramas), the vocabulary next, then the tiles.
   std::vector<BundlePart> parts = bundle->manifest_.parts;
-  const auto rank = [](const BundlePart& p) { return p.path == "graph.h5" ? 0 : p.path == "vocabulary.h5" ? 1 : 2; };
+  const auto rank = [](const BundlePart& p) {
+    return p.path == "graph.h5" ? 0 : p.path == "vocabulary.h5" ? 1 : 2;
+  };
   std::stable_sort(parts.begin(), parts.end(),
                    [&](const BundlePart& a, const BundlePart& b) { return rank(a) < rank(b); });
   if (parts.size() < 2 || rank(parts[0]) != 0 || rank(parts[1]) != 1) {
@@ -114,11 +119,13 @@ Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::
     const auto hash = Sha256OfDescriptor(fd.get(), name);
     if (!hash.ok()) return hash.status();
     if (*hash != part.sha256) {
-      return Status(ErrorCode::kChecksumMismatch, name + ": its SHA-256 is not the manifest's" + kMend);
+      return Status(ErrorCode::kChecksumMismatch,
+                    name + ": its SHA-256 is not the manifest's" + kMend);
     }
     const Status status = bundle->LoadPart(part, fd.get(), name);
     // An array that is not there is the bundle's fault, not the caller's.
-    const ErrorCode code = status.code() == ErrorCode::kNotFound ? ErrorCode::kBadData : status.code();
+    const ErrorCode code =
+        status.code() == ErrorCode::kNotFound ? ErrorCode::kBadData : status.code();
     if (!status.ok()) return Status(code, name + ": " + status.message());
   }
   for (const Slice& slice : bundle->slices_) {
@@ -158,9 +165,9 @@ Status MapBundle::LoadPanoramas(const Hdf5Reader& file) {
   PANOFIX_READ(links, file, std::uint32_t, "panoramas/links", 1);
   const std::size_t n = ids->size();
   const auto rows = static_cast<std::int64_t>(n);
-  if (geodetic.rows != rows || positions.rows != rows || rotations.rows != rows || scales.rows != rows ||
-      has_depth.rows != rows || !AreOffsets(link_offsets.values, n, links.values.size()) ||
-      !AllBelow(links.values, n)) {
+  if (geodetic.rows != rows || positions.rows != rows || rotations.rows != rows ||
+      scales.rows != rows || has_depth.rows != rows ||
+      !AreOffsets(link_offsets.values, n, links.values.size()) || !AllBelow(links.values, n)) {
     return Bad("panorama arrays disagree");
   }
   if (!AllFinite(geodetic.values) || !AllFinite(positions.values) || !AllFinite(rotations.values) ||
@@ -170,13 +177,15 @@ Status MapBundle::LoadPanoramas(const Hdf5Reader& file) {
   for (std::size_t i = 0; i < n; ++i) {
     MapPanorama panorama;
     panorama.id = (*ids)[i];
-    panorama.position = {geodetic.values[3 * i], geodetic.values[3 * i + 1], geodetic.values[3 * i + 2]};
+    panorama.position = {geodetic.values[3 * i], geodetic.values[3 * i + 1],
+                         geodetic.values[3 * i + 2]};
     const double* q = &rotations.values[4 * i];  // x y z w
     const Eigen::Quaterniond rotation(q[3], q[0], q[1], q[2]);
     if (std::abs(rotation.norm() - 1) > 1e-6 || !(scales.values[i] > 0.5 && scales.values[i] < 2)) {
       return Bad("panorama " + panorama.id + ": attitude or scale out of range");
     }
-    panorama.map_from_pano = Rigid3(rotation.normalized(), Eigen::Vector3d(&positions.values[3 * i]));
+    panorama.map_from_pano =
+        Rigid3(rotation.normalized(), Eigen::Vector3d(&positions.values[3 * i]));
     panorama.point_scale = scales.values[i];
     panorama.has_depth = has_depth.values[i] != 0;
     panorama.links.assign(links.values.begin() + link_offsets.values[i],
@@ -191,7 +200,8 @@ Status MapBundle::LoadGraph(const Hdf5Reader& file) {
   if (!status.ok()) return status;
   PANOFIX_READ(directions, file, double, "views/direction_deg", 2);
   const std::size_t per_panorama = static_cast<std::size_t>(directions.rows);
-  if (per_panorama == 0 || panoramas_.empty() || !AllFinite(directions.values)) return Bad("no views");
+  if (per_panorama == 0 || panoramas_.empty() || !AllFinite(directions.values))
+    return Bad("no views");
   for (std::uint32_t panorama = 0; panorama < panoramas_.size(); ++panorama) {
     for (std::size_t v = 0; v < per_panorama; ++v) {
       views_.push_back({panorama, directions.values[2 * v], directions.values[2 * v + 1]});
@@ -221,8 +231,10 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
   PANOFIX_READ(surfaces, file, std::uint8_t, "surfaces", 1);
   PANOFIX_READ(descriptors, file, std::uint8_t, "descriptors", kDescriptorSize);
   const std::size_t per_panorama = views_.size() / panoramas_.size();
-  if (points.rows != keypoints.rows || surfaces.rows != keypoints.rows || descriptors.rows != keypoints.rows ||
-      !AreOffsets(offsets.values, ids->size() * per_panorama, static_cast<std::size_t>(keypoints.rows))) {
+  if (points.rows != keypoints.rows || surfaces.rows != keypoints.rows ||
+      descriptors.rows != keypoints.rows ||
+      !AreOffsets(offsets.values, ids->size() * per_panorama,
+                  static_cast<std::size_t>(keypoints.rows))) {
     return Bad("feature arrays disagree");
   }
   const auto finite = [](float v) { return std::isfinite(v); };
@@ -236,11 +248,13 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
   for (std::size_t p = 0; p < ids->size(); ++p) {
     const auto found = index_of.find((*ids)[p]);
     if (found == index_of.end()) return Bad("panorama " + (*ids)[p] + " is not in graph.h5");
-    if (slices_[found->second * per_panorama].tile != ~0U) return Bad("panorama " + (*ids)[p] + " is in two tiles");
+    if (slices_[found->second * per_panorama].tile != ~0U)
+      return Bad("panorama " + (*ids)[p] + " is in two tiles");
     panorama_of_slot.push_back(found->second);
     for (std::size_t v = 0; v < per_panorama; ++v) {
       const std::size_t view = found->second * per_panorama + v, slot = p * per_panorama + v;
-      slices_[view] = {static_cast<std::uint32_t>(tiles_.size()), offsets.values[slot], offsets.values[slot + 1]};
+      slices_[view] = {static_cast<std::uint32_t>(tiles_.size()), offsets.values[slot],
+                       offsets.values[slot + 1]};
       view_of_slot.push_back(static_cast<std::uint32_t>(view));
     }
   }
@@ -254,7 +268,8 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
   return LoadBags(file, view_of_slot);
 }
 
-Status MapBundle::LoadPlanes(const Hdf5Reader& file, const std::vector<std::uint32_t>& panorama_of_slot) {
+Status MapBundle::LoadPlanes(const Hdf5Reader& file,
+                             const std::vector<std::uint32_t>& panorama_of_slot) {
   PANOFIX_READ(offsets, file, std::uint32_t, "plane_offsets", 1);
   PANOFIX_READ(planes, file, float, "planes", 4);
   if (!AreOffsets(offsets.values, panorama_of_slot.size(), static_cast<std::size_t>(planes.rows))) {
@@ -266,7 +281,8 @@ Status MapBundle::LoadPlanes(const Hdf5Reader& file, const std::vector<std::uint
       const Eigen::Vector3f normal(&planes.values[4 * std::size_t{i}]);
       const float length = normal.norm();
       // Plane 0 is unused and may be anything.
-      normals.push_back(length > 0.5F && length < 2.0F ? Eigen::Vector3f(normal / length) : Eigen::Vector3f::Zero());
+      normals.push_back(length > 0.5F && length < 2.0F ? Eigen::Vector3f(normal / length)
+                                                       : Eigen::Vector3f::Zero());
     }
   }
   return {};
@@ -296,18 +312,21 @@ ViewFeatures MapBundle::Features(std::size_t view_idx) const {
   const Slice& slice = slices_.at(view_idx);
   const Tile& tile = tiles_[slice.tile];
   const std::size_t begin = slice.begin, count = slice.end - slice.begin;
-  return {tile.keypoints.values.subspan(begin * 4, count * 4), tile.points.values.subspan(begin * 4, count * 4),
+  return {tile.keypoints.values.subspan(begin * 4, count * 4),
+          tile.points.values.subspan(begin * 4, count * 4),
           tile.surfaces.values.subspan(begin, count),
           tile.descriptors.values.subspan(begin * kDescriptorSize, count * kDescriptorSize)};
 }
 
 Eigen::Vector3d MapBundle::SurfaceNormal(std::size_t panorama_idx, std::uint8_t surface_idx) const {
   const auto& normals = normals_.at(panorama_idx);
-  return surface_idx < normals.size() ? Eigen::Vector3d(normals[surface_idx].cast<double>()) : Eigen::Vector3d::Zero();
+  return surface_idx < normals.size() ? Eigen::Vector3d(normals[surface_idx].cast<double>())
+                                      : Eigen::Vector3d::Zero();
 }
 
 std::span<const std::uint32_t> MapBundle::SimilarViews(std::size_t view_idx) const {
-  const std::uint32_t begin = similar_offsets_.values[view_idx], end = similar_offsets_.values[view_idx + 1];
+  const std::uint32_t begin = similar_offsets_.values[view_idx],
+                      end = similar_offsets_.values[view_idx + 1];
   return similar_views_.values.subspan(begin, end - begin);
 }
 

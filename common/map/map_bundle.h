@@ -19,10 +19,10 @@ namespace panofix {
 struct MapPanorama {
   std::string id;
   Geodetic position;
-  Rigid3 map_from_pano;               // metres; true ground lengths are map lengths / point_scale
-  double point_scale = 1;             // of the map frame here
-  std::vector<std::uint32_t> links;   // indices of neighbours along the road
-  bool has_depth = false;             // false: its views serve retrieval only
+  Rigid3 map_from_pano;              // metres; true ground lengths are map lengths / point_scale
+  double point_scale = 1;            // of the map frame here
+  std::vector<std::uint32_t> links;  // indices of neighbours along the road
+  bool has_depth = false;            // false: its views serve retrieval only
 };
 
 struct MapView {
@@ -32,25 +32,30 @@ struct MapView {
 
 // Features of one view that have a 3-D point; spans stay valid as long as the bundle.
 struct ViewFeatures {
-  std::span<const float> keypoints;       // N x 4: x, y, size (px), angle (deg)
-  std::span<const float> points_in_pano;  // N x 4: x, y, z, 1-sigma error of the range (metres)
+  std::span<const float> keypoints;           // N x 4: x, y, size (px), angle (deg)
+  std::span<const float> points_in_pano;      // N x 4: x, y, z, 1-sigma error of the range (metres)
   std::span<const std::uint8_t> surfaces;     // N: index of the depth plane; 0 = a raster's
   std::span<const std::uint8_t> descriptors;  // N x 128
   [[nodiscard]] std::size_t size() const { return keypoints.size() / 4; }
   [[nodiscard]] Eigen::Vector3d point(std::size_t i) const {
-    return {double{points_in_pano[4 * i]}, double{points_in_pano[4 * i + 1]}, double{points_in_pano[4 * i + 2]}};
+    return {double{points_in_pano[4 * i]}, double{points_in_pano[4 * i + 1]},
+            double{points_in_pano[4 * i + 2]}};
   }
-  [[nodiscard]] double range_sigma_m(std::size_t i) const { return double{points_in_pano[4 * i + 3]}; }
+  [[nodiscard]] double range_sigma_m(std::size_t i) const {
+    return double{points_in_pano[4 * i + 3]};
+  }
 };
 
 class MapBundle {
  public:
-  // Reads the manifest, checks its hash and version, then size and SHA-256 of every part on the very
-  // descriptor that is mapped, and only then opens HDF5. Never writes. Any index that points outside
-  // its array is kBadData.
-  [[nodiscard]] static Result<std::shared_ptr<const MapBundle>> Open(const std::filesystem::path& folder);
+  // Reads the manifest, checks its hash and version, then size and SHA-256 of every part on the
+  // very descriptor that is mapped, and only then opens HDF5. Never writes. Any index that points
+  // outside its array is kBadData.
+  [[nodiscard]] static Result<std::shared_ptr<const MapBundle>> Open(
+      const std::filesystem::path& folder);
   // The manifest alone, hash and version checked.
-  [[nodiscard]] static Result<Manifest> ReadManifest(const std::filesystem::path& folder, std::string* id);
+  [[nodiscard]] static Result<Manifest> ReadManifest(const std::filesystem::path& folder,
+                                                     std::string* id);
 
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
   [[nodiscard]] const std::string& id() const { return id_; }  // SHA-256 of manifest.json
@@ -61,7 +66,8 @@ class MapBundle {
   [[nodiscard]] const std::vector<BagOfWords>& bags() const { return bags_; }  // one a view
   [[nodiscard]] ViewFeatures Features(std::size_t view_idx) const;
   // Unit normal of a panorama's depth plane, in pano; zero where the index has none (a raster).
-  [[nodiscard]] Eigen::Vector3d SurfaceNormal(std::size_t panorama_idx, std::uint8_t surface_idx) const;
+  [[nodiscard]] Eigen::Vector3d SurfaceNormal(std::size_t panorama_idx,
+                                              std::uint8_t surface_idx) const;
   // Row of D_DB x r: similar views, best first.
   [[nodiscard]] std::span<const std::uint32_t> SimilarViews(std::size_t view_idx) const;
 
@@ -73,7 +79,8 @@ class MapBundle {
   struct Slice {
     std::uint32_t tile = 0, begin = 0, end = 0;  // feature rows of a view in its tile
   };
-  explicit MapBundle(Manifest manifest) : manifest_(std::move(manifest)), frame_(manifest_.map_frame) {}
+  explicit MapBundle(Manifest manifest)
+      : manifest_(std::move(manifest)), frame_(manifest_.map_frame) {}
   Status LoadPart(const BundlePart& part, int fd, const std::string& name);
   Status LoadVocabulary(const Hdf5Reader& file);
   Status LoadGraph(const Hdf5Reader& file);

@@ -39,7 +39,8 @@ std::uint32_t VocabularyTree::Quantize(const std::uint8_t* descriptor) const {
   while (num_children[node] > 0) {
     int best = std::numeric_limits<int>::max();
     std::uint32_t next = first_child[node];
-    for (std::uint32_t child = first_child[node]; child < first_child[node] + num_children[node]; ++child) {
+    for (std::uint32_t child = first_child[node]; child < first_child[node] + num_children[node];
+         ++child) {
       const int distance =
           DescriptorDistanceSq(descriptor, &centroids[std::size_t{child} * kDescriptorSize]);
       if (distance < best) best = distance, next = child;
@@ -51,11 +52,13 @@ std::uint32_t VocabularyTree::Quantize(const std::uint8_t* descriptor) const {
 
 Status VocabularyTree::Check() const {
   const std::size_t nodes = first_child.size();
-  if (num_children.size() != nodes || word.size() != nodes || centroids.size() != nodes * kDescriptorSize) {
+  if (num_children.size() != nodes || word.size() != nodes ||
+      centroids.size() != nodes * kDescriptorSize) {
     return {ErrorCode::kBadData, "vocabulary tree: arrays disagree in length"};
   }
   if (nodes == 0) {
-    return num_words == 0 ? Status() : Status(ErrorCode::kBadData, "vocabulary tree: words without nodes");
+    return num_words == 0 ? Status()
+                          : Status(ErrorCode::kBadData, "vocabulary tree: words without nodes");
   }
   if (num_words > nodes) return {ErrorCode::kBadData, "vocabulary tree: more words than nodes"};
   std::vector<bool> seen(num_words, false);
@@ -65,7 +68,8 @@ Status VocabularyTree::Check() const {
     // Children come after their parent, so descent ends; every leaf is a word of its own.
     const bool sound = count == 0 ? word[node] < num_words && !seen[word[node]]
                                   : first > node && first + count <= nodes;
-    if (!sound) return {ErrorCode::kBadData, Format("vocabulary tree: node %zu is not sound", node)};
+    if (!sound)
+      return {ErrorCode::kBadData, Format("vocabulary tree: node %zu is not sound", node)};
     if (count == 0) seen[word[node]] = true, ++num_seen;
   }
   if (num_seen != num_words) return {ErrorCode::kBadData, "vocabulary tree: a word has no leaf"};
@@ -89,7 +93,8 @@ float Similarity(const BagOfWords& a, const BagOfWords& b) {
 std::vector<std::uint32_t> Vocabulary::SiftWords(const FeatureSet& features) const {
   std::vector<std::uint32_t> words;
   if (sift.empty()) return words;
-  for (std::size_t i = 0; i < features.size(); ++i) words.push_back(sift.Quantize(features.descriptor(i).data()));
+  for (std::size_t i = 0; i < features.size(); ++i)
+    words.push_back(sift.Quantize(features.descriptor(i).data()));
   return words;
 }
 
@@ -121,15 +126,16 @@ Status Vocabulary::Check() const {
     Status status = tree->Check();
     if (!status.ok()) return status;
   }
-  if (idf.size() != num_words()) return {ErrorCode::kBadData, "vocabulary: one idf a word is needed"};
+  if (idf.size() != num_words())
+    return {ErrorCode::kBadData, "vocabulary: one idf a word is needed"};
   for (const float value : idf) {
     if (!(value >= 0 && value < 100)) return {ErrorCode::kBadData, "vocabulary: idf out of range"};
   }
   return {};
 }
 
-std::vector<float> InverseDocumentFrequency(const std::vector<std::vector<std::uint32_t>>& words_by_view,
-                                            std::uint32_t num_words) {
+std::vector<float> InverseDocumentFrequency(
+    const std::vector<std::vector<std::uint32_t>>& words_by_view, std::uint32_t num_words) {
   std::vector<std::uint32_t> views_with(num_words, 0), last_view(num_words, 0);
   for (std::size_t view = 0; view < words_by_view.size(); ++view) {
     for (const std::uint32_t word : words_by_view[view]) {

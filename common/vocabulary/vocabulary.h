@@ -13,10 +13,10 @@ namespace panofix {
 // A tree of byte centroids in breadth-first order; leaves are the words (Nister and Stewenius, CVPR
 // 2006). Node 0 is the root and has no centroid of use.
 struct VocabularyTree {
-  std::vector<std::uint8_t> centroids;    // num_nodes x 128
-  std::vector<std::uint32_t> first_child; // num_nodes; 0 = leaf
+  std::vector<std::uint8_t> centroids;     // num_nodes x 128
+  std::vector<std::uint32_t> first_child;  // num_nodes; 0 = leaf
   std::vector<std::uint32_t> num_children;
-  std::vector<std::uint32_t> word;        // of a leaf; 0 elsewhere
+  std::vector<std::uint32_t> word;  // of a leaf; 0 elsewhere
   std::uint32_t num_words = 0;
 
   [[nodiscard]] bool empty() const { return num_words == 0; }
@@ -37,7 +37,8 @@ using BagOfWords = std::vector<WeightedWord>;
 // Cosine similarity of two bags.
 [[nodiscard]] float Similarity(const BagOfWords& a, const BagOfWords& b);
 
-// Both trees and the inverse document frequencies. Word numbers: SIFT words first, MSER words after.
+// Both trees and the inverse document frequencies. Word numbers: SIFT words first, MSER words
+// after.
 struct Vocabulary {
   VocabularyTree sift, mser;
   std::vector<float> idf;  // sift.num_words + mser.num_words
@@ -52,7 +53,8 @@ struct Vocabulary {
   [[nodiscard]] Status Check() const;
 };
 
-// Inverse document frequency ln(N / N_i), 0 for words no view has; `bags` as lists of distinct words.
+// Inverse document frequency ln(N / N_i), 0 for words no view has; `bags` as lists of distinct
+// words.
 [[nodiscard]] std::vector<float> InverseDocumentFrequency(
     const std::vector<std::vector<std::uint32_t>>& words_by_view, std::uint32_t num_words);
 

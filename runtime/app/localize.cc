@@ -68,8 +68,9 @@ Status LocalizeDrive(const LocalizeOptions& options) {
     if (!status.ok()) return status;
   }
   if (rows.size() < drive->frames.size()) {
-    return {ErrorCode::kCancelled, Format("stopped by the user after %zu of %zu frames; %s holds these",
-                                          rows.size(), drive->frames.size(), options.out.c_str())};
+    return {ErrorCode::kCancelled,
+            Format("stopped by the user after %zu of %zu frames; %s holds these", rows.size(),
+                   drive->frames.size(), options.out.c_str())};
   }
   return {};
 }

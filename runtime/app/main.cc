@@ -24,9 +24,12 @@ Exit codes: 0 done, 64 wrong use, 65 bad data, 66 not found, 74 disk or network,
 76 bundle format not readable, 130 interrupted.)";
 
 void AddLocalizerOptions(CLI::App* command, panofix::LocalizerOptions* options) {
-  command->add_option("--preset", options->preset, "default, or paper: the published estimator, for comparison")
+  command
+      ->add_option("--preset", options->preset,
+                   "default, or paper: the published estimator, for comparison")
       ->capture_default_str();
-  command->add_option("--threads", options->num_threads, "processors to use; 0 = all")->capture_default_str();
+  command->add_option("--threads", options->num_threads, "processors to use; 0 = all")
+      ->capture_default_str();
   command->add_option("--seed", options->seed, "seed of the robust search; same frames, same poses")
       ->capture_default_str();
 }
@@ -37,52 +40,78 @@ Status Dispatch(int argc, char** argv, int* parse_exit) {
   app.set_version_flag("--version", "panofix-runtime " PANOFIX_VERSION);
   app.require_subcommand(1);
   std::string log_level = "info";
-  app.add_option("--log-level", log_level, "debug, info, warning, error or off")->capture_default_str();
+  app.add_option("--log-level", log_level, "debug, info, warning, error or off")
+      ->capture_default_str();
 
   panofix::LocalizeOptions localize;
-  CLI::App* localize_command = app.add_subcommand("localize", "Localize a recorded drive, frame by frame");
+  CLI::App* localize_command =
+      app.add_subcommand("localize", "Localize a recorded drive, frame by frame");
   localize_command->add_option("--bundle", localize.bundle, "the map bundle's folder")->required();
-  localize_command->add_option("--drive", localize.drive, "folder with frames.csv and camera.yaml")->required();
+  localize_command->add_option("--drive", localize.drive, "folder with frames.csv and camera.yaml")
+      ->required();
   localize_command->add_option("--out", localize.out, "poses to write")->required();
-  localize_command->add_option("--format", localize.format, "csv, tum, geojson or gpx")->capture_default_str();
-  localize_command->add_option("--log", localize.log, "also write latencies and comparisons as JSON");
+  localize_command->add_option("--format", localize.format, "csv, tum, geojson or gpx")
+      ->capture_default_str();
+  localize_command->add_option("--log", localize.log,
+                               "also write latencies and comparisons as JSON");
   AddLocalizerOptions(localize_command, &localize.localizer);
 
   panofix::ServeOptions serve;
-  CLI::App* serve_command = app.add_subcommand("serve", "Localize a live camera feed and publish poses (ZeroMQ)");
+  CLI::App* serve_command =
+      app.add_subcommand("serve", "Localize a live camera feed and publish poses (ZeroMQ)");
   serve_command->add_option("--bundle", serve.bundle, "the map bundle's folder")->required();
-  serve_command->add_option("--frames", serve.frames, "camera feed to subscribe to, e.g. tcp://127.0.0.1:5601")->required();
-  serve_command->add_option("--poses", serve.poses, "endpoint to publish poses on, e.g. tcp://*:5602")->required();
-  serve_command->add_option("--camera", serve.camera, "camera.yaml; default: from the feed, else from the bundle");
-  serve_command->add_option("--max-frames", serve.max_frames, "stop after so many frames; 0 = run until told to stop")
+  serve_command
+      ->add_option("--frames", serve.frames,
+                   "camera feed to subscribe to, e.g. tcp://127.0.0.1:5601")
+      ->required();
+  serve_command
+      ->add_option("--poses", serve.poses, "endpoint to publish poses on, e.g. tcp://*:5602")
+      ->required();
+  serve_command->add_option("--camera", serve.camera,
+                            "camera.yaml; default: from the feed, else from the bundle");
+  serve_command
+      ->add_option("--max-frames", serve.max_frames,
+                   "stop after so many frames; 0 = run until told to stop")
       ->capture_default_str();
   AddLocalizerOptions(serve_command, &serve.localizer);
 
   panofix::PlayOptions play;
   CLI::App* play_command = app.add_subcommand("play", "Publish a recorded drive as a camera would");
-  play_command->add_option("--drive", play.drive, "folder with frames.csv and camera.yaml")->required();
-  play_command->add_option("--bind", play.bind, "endpoint to publish on, e.g. tcp://*:5601")->required();
+  play_command->add_option("--drive", play.drive, "folder with frames.csv and camera.yaml")
+      ->required();
+  play_command->add_option("--bind", play.bind, "endpoint to publish on, e.g. tcp://*:5601")
+      ->required();
   play_command->add_option("--rate", play.rate_hz, "frames a second")->capture_default_str();
   play_command->add_flag("--loop", play.loop, "start again at the end");
-  play_command->add_flag("--wait-for-subscriber", play.wait_for_subscriber, "begin once somebody listens");
-  play_command->add_option("--subscriber-timeout-s", play.subscriber_timeout_s, "give up waiting after this; 0 = never")
+  play_command->add_flag("--wait-for-subscriber", play.wait_for_subscriber,
+                         "begin once somebody listens");
+  play_command
+      ->add_option("--subscriber-timeout-s", play.subscriber_timeout_s,
+                   "give up waiting after this; 0 = never")
       ->capture_default_str();
   play_command->add_flag("--now", play.restamp_now, "stamp frames with the present time");
 
   panofix::RecordOptions record;
-  CLI::App* record_command = app.add_subcommand("record", "Collect published poses into a poses.csv");
-  record_command->add_option("--poses", record.poses, "endpoint of the runtime, e.g. tcp://127.0.0.1:5602")->required();
+  CLI::App* record_command =
+      app.add_subcommand("record", "Collect published poses into a poses.csv");
+  record_command
+      ->add_option("--poses", record.poses, "endpoint of the runtime, e.g. tcp://127.0.0.1:5602")
+      ->required();
   record_command->add_option("--out", record.out, "poses.csv to write")->required();
   record_command->add_option("--log", record.log, "also write latencies and comparisons as JSON");
-  record_command->add_option("--count", record.count, "stop after so many rows; 0 = until told to")->capture_default_str();
-  record_command->add_option("--idle-timeout-s", record.idle_timeout_s, "stop after this long without a pose; 0 = never")
+  record_command->add_option("--count", record.count, "stop after so many rows; 0 = until told to")
+      ->capture_default_str();
+  record_command
+      ->add_option("--idle-timeout-s", record.idle_timeout_s,
+                   "stop after this long without a pose; 0 = never")
       ->capture_default_str();
 
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() != 0) {
-      return {panofix::ErrorCode::kInvalidArgument, std::string(error.what()) + "; see panofix-runtime --help"};
+      return {panofix::ErrorCode::kInvalidArgument,
+              std::string(error.what()) + "; see panofix-runtime --help"};
     }
     *parse_exit = app.exit(error);  // --help, --version
     return {};

@@ -60,17 +60,23 @@ void LocalizerOptions::Check() const {
   if (preset != "default" && preset != "paper") {
     throw std::invalid_argument("preset = '" + preset + "'; must be default or paper");
   }
-  if (num_threads < 0) throw std::invalid_argument(Format("num_threads = %d; must not be negative", num_threads));
+  if (num_threads < 0)
+    throw std::invalid_argument(Format("num_threads = %d; must not be negative", num_threads));
 }
 
 struct Localizer::Impl {
-  Impl(std::shared_ptr<const MapBundle> map, const Camera& cam, const LocalizerOptions& localizer_options)
-      : bundle(std::move(map)), retrieval(bundle), camera(cam), options(localizer_options),
+  Impl(std::shared_ptr<const MapBundle> map, const Camera& cam,
+       const LocalizerOptions& localizer_options)
+      : bundle(std::move(map)),
+        retrieval(bundle),
+        camera(cam),
+        options(localizer_options),
         pose_options(PoseOptionsFor(localizer_options, cam)) {
     pose_options.use_guided = pose_options.use_guided && bundle->manifest().features.root_sift;
     if (options.num_threads > 0) {
-      thread_limit = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
-                                                           static_cast<std::size_t>(options.num_threads));
+      thread_limit =
+          std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
+                                                static_cast<std::size_t>(options.num_threads));
     }
     const Manifest& manifest = bundle->manifest();
     identity.name = manifest.name;
@@ -81,8 +87,8 @@ struct Localizer::Impl {
   }
 
   FrameFeatures Extract(const GrayImage& frame, BagOfWords* bag, StageLatency* latency);
-  PoseOutcome Solve(const FrameFeatures& features, const RetrievalResult& retrieved, LocalFrame* local,
-                    StageLatency* latency) const;
+  PoseOutcome Solve(const FrameFeatures& features, const RetrievalResult& retrieved,
+                    LocalFrame* local, StageLatency* latency) const;
   [[nodiscard]] std::vector<Rigid3> Predictions(const LocalFrame& local) const;
   void Lose();
   void Run(const GrayImage& frame, FrameResult* result);
@@ -96,10 +102,11 @@ struct Localizer::Impl {
   BundleIdentity identity;
   std::unique_ptr<tbb::global_control> thread_limit;
   std::vector<std::uint32_t> last_views;  // of the last fix; empty = lost
-  std::vector<Rigid3> last_poses;         // map_from_cam of the last fixes of an unbroken run, at most 2
+  std::vector<Rigid3> last_poses;  // map_from_cam of the last fixes of an unbroken run, at most 2
 };
 
-FrameFeatures Localizer::Impl::Extract(const GrayImage& frame, BagOfWords* bag, StageLatency* latency) {
+FrameFeatures Localizer::Impl::Extract(const GrayImage& frame, BagOfWords* bag,
+                                       StageLatency* latency) {
   const FeatureOptions& contract = bundle->manifest().features;
   Stopwatch watch;
   const GrayImage image = Preprocess(frame, contract);
@@ -121,10 +128,12 @@ PoseOutcome Localizer::Impl::Solve(const FrameFeatures& features, const Retrieva
                                    LocalFrame* local, StageLatency* latency) const {
   Stopwatch watch;
   std::vector<ViewMatches> matches(retrieved.views.size());
-  *local = LocalFrame::At(bundle->panoramas()[bundle->views()[retrieved.views.front().view_idx].panorama_idx]);
+  *local = LocalFrame::At(
+      bundle->panoramas()[bundle->views()[retrieved.views.front().view_idx].panorama_idx]);
   const MatchOptions match_options;
   tbb::parallel_for(std::size_t{0}, matches.size(), [&](std::size_t i) {
-    matches[i] = MatchView(features, camera, *bundle, retrieved.views[i].view_idx, *local, match_options);
+    matches[i] =
+        MatchView(features, camera, *bundle, retrieved.views[i].view_idx, *local, match_options);
   });
   latency->matching_ms += watch.Lap();
   PoseOutcome outcome =
@@ -137,7 +146,8 @@ PoseOutcome Localizer::Impl::Solve(const FrameFeatures& features, const Retrieva
 std::vector<Rigid3> Localizer::Impl::Predictions(const LocalFrame& local) const {
   std::vector<Rigid3> predictions;
   const auto add = [&](const Rigid3& map_from_cam) {
-    predictions.push_back(Rigid3(map_from_cam.rotation, local.FromMap(map_from_cam.translation)).Inverse());
+    predictions.push_back(
+        Rigid3(map_from_cam.rotation, local.FromMap(map_from_cam.translation)).Inverse());
   };
   if (last_poses.size() == 2) {
     Rigid3 moved = last_poses[1];
@@ -153,14 +163,16 @@ void Localizer::Impl::Lose() {
   last_poses.clear();
 }
 
-void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local, FrameResult* result) const {
+void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local,
+                           FrameResult* result) const {
   const Rigid3 local_from_cam = outcome.cam_from_local.Inverse();
   FramePose pose;
   pose.position_in_map = local.ToMap(local_from_cam.translation);
   pose.map_from_cam = local_from_cam.rotation;
   pose.position = bundle->frame().ToGeodetic(pose.position_in_map);
   const Eigen::Matrix3d enu_from_map = bundle->frame().MapFromEnu(pose.position).transpose();
-  pose.enu_from_cam = Eigen::Quaterniond(enu_from_map * local_from_cam.rotation.toRotationMatrix()).normalized();
+  pose.enu_from_cam =
+      Eigen::Quaterniond(enu_from_map * local_from_cam.rotation.toRotationMatrix()).normalized();
   pose.attitude = AttitudeFromEnu(pose.enu_from_cam.toRotationMatrix() * BodyFromCam().transpose());
   pose.covariance_in_map = outcome.covariance;
   result->pose = pose;
@@ -214,7 +226,8 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
 Localizer::Localizer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Localizer::~Localizer() = default;
 
-Result<std::unique_ptr<Localizer>> Localizer::Open(const std::filesystem::path& bundle, const Camera& camera,
+Result<std::unique_ptr<Localizer>> Localizer::Open(const std::filesystem::path& bundle,
+                                                   const Camera& camera,
                                                    const LocalizerOptions& options) {
   try {
     options.Check();
@@ -251,7 +264,8 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
       impl_->Run(frame, &result);
     }
   } catch (const std::exception& error) {
-    Log(LogLevel::kError, Format("frame %lld: %s", static_cast<long long>(timestamp_ns), error.what()));
+    Log(LogLevel::kError,
+        Format("frame %lld: %s", static_cast<long long>(timestamp_ns), error.what()));
     result = FrameResult{};
     result.timestamp_ns = timestamp_ns;
     result.reason = "internal_error";

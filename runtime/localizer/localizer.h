@@ -30,7 +30,7 @@ struct FramePose {
   Geodetic position;
   Attitude attitude;
   Eigen::Quaterniond enu_from_cam;
-  Eigen::Vector3d position_in_map;     // of the camera's centre
+  Eigen::Vector3d position_in_map;  // of the camera's centre
   Eigen::Quaterniond map_from_cam;
   // ROS order x y z rotX rotY rotZ, row-major when written; map axes, metres and radians.
   Eigen::Matrix<double, 6, 6> covariance_in_map;
@@ -39,19 +39,19 @@ struct FramePose {
 struct FrameResult {
   std::int64_t timestamp_ns = 0;
   FixStatus status = FixStatus::kNoFix;
-  std::string reason;              // snake_case word, e.g. "too_few_inliers"; empty on a fix
-  std::optional<FramePose> pose;   // absent exactly where status is kNoFix
+  std::string reason;             // snake_case word, e.g. "too_few_inliers"; empty on a fix
+  std::optional<FramePose> pose;  // absent exactly where status is kNoFix
   int num_inliers = 0, num_views = 0;
   std::string best_panorama;
   StageLatency latency;
-  std::int64_t num_compared = 0;   // database views that the retrieval looked at
-  std::int64_t num_database = 0;   // views in the map
+  std::int64_t num_compared = 0;  // database views that the retrieval looked at
+  std::int64_t num_database = 0;  // views in the map
 };
 
 // What a bundle says of itself, for messages and logs.
 struct BundleIdentity {
   std::string name;
-  std::string id;                  // SHA-256 of the manifest, hex
+  std::string id;  // SHA-256 of the manifest, hex
   std::int64_t build = 0;
   bool is_signed = false;
   std::size_t num_panoramas = 0, num_views = 0;
@@ -71,7 +71,8 @@ class Localizer {
   Localizer(const Localizer&) = delete;
   Localizer& operator=(const Localizer&) = delete;
 
-  // Never fails: a frame of another size than the camera, or an empty one, is kNoFix with its reason.
+  // Never fails: a frame of another size than the camera, or an empty one, is kNoFix with its
+  // reason.
   [[nodiscard]] FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame);
   // A frame that could not be decoded still gets its row.
   [[nodiscard]] FrameResult Undecodable(std::int64_t timestamp_ns) const;
@@ -84,8 +85,8 @@ class Localizer {
   std::unique_ptr<Impl> impl_;
 };
 
-// One standard deviation of a pose along local east, north, up and of its heading, from its covariance
-// (turned from the map's axes by the meridian convergence).
+// One standard deviation of a pose along local east, north, up and of its heading, from its
+// covariance (turned from the map's axes by the meridian convergence).
 struct PoseSigmas {
   double east_m = 0, north_m = 0, up_m = 0, heading_deg = 0;
 };

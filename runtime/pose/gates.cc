@@ -51,10 +51,11 @@ std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, cons
 }
 
 void DegradeDoubtful(const PoseOptions& options, PoseOutcome* outcome) {
-  const double least_agreement =
-      outcome->over_chance < options.sure_over_chance ? options.sure_agreement : options.fix_agreement;
-  if (options.use_guided && (outcome->agreement < least_agreement ||
-                             outcome->over_chance < options.fix_over_chance)) {
+  const double least_agreement = outcome->over_chance < options.sure_over_chance
+                                     ? options.sure_agreement
+                                     : options.fix_agreement;
+  if (options.use_guided &&
+      (outcome->agreement < least_agreement || outcome->over_chance < options.fix_over_chance)) {
     outcome->degraded = true;
     outcome->reason = "landmarks_disagree";
     outcome->covariance *= options.degraded_sigma_factor * options.degraded_sigma_factor;

@@ -26,8 +26,7 @@ std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, co
     if (!result.success || static_cast<int>(result.inliers.size()) < options.min_view_inliers) {
       return;
     }
-    found[i] =
-        Hypothesis{result.cam_from_map, CountKeypoints(pool, result.cam_from_map, focal_px)};
+    found[i] = Hypothesis{result.cam_from_map, CountKeypoints(pool, result.cam_from_map, focal_px)};
   });
   std::vector<Hypothesis> hypotheses;
   for (const auto& hypothesis : found) {

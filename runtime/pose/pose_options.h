@@ -39,11 +39,11 @@ struct PoseOptions {
   // chance.
   double min_support = 0.03;
   double min_over_chance = 4.0;
-  // A trusted pose is only degraded where few of the guided matches agree with it, or not many while
-  // chance is near: the map's geometry is wrong there in a way that no residual shows. Its sigmas grow
-  // tenfold.
+  // A trusted pose is only degraded where few of the guided matches agree with it, or not many
+  // while chance is near: the map's geometry is wrong there in a way that no residual shows. Its
+  // sigmas grow tenfold.
   double fix_agreement = 0.5;
-  double sure_agreement = 0.58;   // asked where over_chance is below sure_over_chance
+  double sure_agreement = 0.58;  // asked where over_chance is below sure_over_chance
   double fix_over_chance = 4.5;
   double degraded_sigma_factor = 10;
   double max_position_sigma_m = 1.0;  // beyond, no fix

@@ -10,7 +10,8 @@ void KeepBest(std::vector<RetrievedView>* views, int count) {
     return a.similarity > b.similarity || (a.similarity == b.similarity && a.view_idx < b.view_idx);
   };
   const std::size_t keep = std::min(views->size(), static_cast<std::size_t>(std::max(0, count)));
-  std::partial_sort(views->begin(), views->begin() + static_cast<std::ptrdiff_t>(keep), views->end(), better);
+  std::partial_sort(views->begin(), views->begin() + static_cast<std::ptrdiff_t>(keep),
+                    views->end(), better);
   views->resize(keep);
 }
 

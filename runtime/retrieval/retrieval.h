@@ -28,8 +28,8 @@ class Retrieval {
   [[nodiscard]] RetrievalResult Global(const BagOfWords& query, int count) const;
   // The same among the union of the D_DB x r rows of `around`, and `around` itself (paper, section
   // III-B: an ordinary frame searches only there).
-  [[nodiscard]] RetrievalResult Windowed(const BagOfWords& query, std::span<const std::uint32_t> around,
-                                         int count) const;
+  [[nodiscard]] RetrievalResult Windowed(const BagOfWords& query,
+                                         std::span<const std::uint32_t> around, int count) const;
 
  private:
   std::shared_ptr<const MapBundle> bundle_;
