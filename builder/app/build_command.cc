@@ -37,7 +37,8 @@ Command AddBuildCommand(CLI::App* app) {
       ->required();
   command->add_option("--work", o->work,
                       "intermediate files, reused by the next build (default: OUT.work)");
-  command->add_option("--name", o->name, "name of the bundle (default: the out folder's name)");
+  command->add_option("--name", o->name,
+                      "name of the bundle, part of its identity (default: the out folder's name)");
   command->add_option("--build", o->build, "build number, which only grows")->capture_default_str();
   command->add_option("--preset", *preset, "default, or paper: the published method")
       ->capture_default_str();

@@ -21,11 +21,14 @@ struct Gate {
   double max_false_fixes = 0;
   void AddOptions(CLI::App* command) {
     command->add_option("--min-fix-share", min_fix, "least share of frames with a fix")
+        ->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
     command
         ->add_option("--min-share-1m", min_within_1m, "least share of frames within (1 m, 5 deg)")
+        ->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
     command->add_option("--max-false-fix-share", max_false_fixes, "largest share of false fixes")
+        ->check(CLI::Range(0.0, 1.0))
         ->capture_default_str();
   }
   // Prints a line a broken threshold; true where all hold.
@@ -62,6 +65,12 @@ void Deliver(const ScoreTable& table, const fs::path& json, const fs::path& pict
   if (!json.empty()) ThrowIfError(WriteFileAtomically(json, table.ToJson()));
   if (!picture.empty())
     ThrowIfError(WriteFileAtomically(picture, BirdsEyeSvg(bundle, drive, poses)));
+}
+
+void CheckOutputs(std::initializer_list<std::pair<const char*, fs::path>> outputs) {
+  for (const auto& [option, path] : outputs) {
+    if (!path.empty()) ThrowIfError(CheckFileCanBeWritten(path, option));
+  }
 }
 
 Drive ReadDriveWithTruth(const fs::path& folder) {
@@ -113,6 +122,7 @@ Command AddValidateCommand(CLI::App* app) {
                       "panofix-runtime to use (default: beside this program, or in PATH)");
   o->gate.AddOptions(command);
   return [=] {
+    CheckOutputs({{"--json", o->json}, {"--poses", o->poses}, {"--picture", o->picture}});
     const Drive drive = ReadDriveWithTruth(o->drive);
     const auto bundle = ValueOrThrow(MapBundle::Open(o->bundle));
     const fs::path runtime = o->runtime.empty() ? ValueOrThrow(FindRuntime()) : o->runtime;
@@ -141,6 +151,7 @@ Command AddScoreCommand(CLI::App* app) {
   command->add_option("--json", o->json, "also write the score as JSON");
   command->add_option("--picture", o->picture, "also draw a bird's-eye view as SVG");
   return [=] {
+    CheckOutputs({{"--json", o->json}, {"--picture", o->picture}});
     const Drive drive = ReadDriveWithTruth(o->drive);
     const auto bundle = ValueOrThrow(MapBundle::Open(o->bundle));
     const std::vector<PoseRow> poses = ValueOrThrow(ReadPosesCsv(o->poses));

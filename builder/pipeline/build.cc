@@ -92,6 +92,20 @@ std::uint64_t PeakMemoryBytes() {
   return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
 }
 
+// What is at --out is replaced: it must be a bundle, or nothing that anybody could miss.
+void RefuseForeignFolder(const fs::path& out) {
+  std::error_code ignored;
+  if (!fs::exists(out, ignored)) return;
+  if (!fs::is_directory(out, ignored)) {
+    throw Error(ErrorCode::kInvalidArgument, out.string() + ": is a file; name a folder for --out");
+  }
+  if (fs::is_empty(out, ignored) || fs::exists(out / kManifestHashName, ignored)) return;
+  throw Error(ErrorCode::kInvalidArgument,
+              out.string() +
+                  ": a folder that holds something else than a bundle; it would be "
+                  "replaced: choose another --out, or remove it yourself");
+}
+
 // One build under way: what a stage leaves for the next.
 class BuildRun {
  public:
@@ -149,12 +163,14 @@ class BuildRun {
       return;
     }
     const SetAside& first = report_.set_aside.front();
+    // The list is what helps now.
+    ThrowIfError(WriteFileAtomically(options_.out.string() + ".report.json", report_.ToJson()));
     throw Error(
         ErrorCode::kBadData,
-        Format("%s: %zu of %zu panoramas are unusable (first: %s: %s); mend the data set or raise "
-               "--max-set-aside-share",
+        Format("%s: %zu of %zu panoramas are unusable (first: %s: %s; all in %s.report.json); mend "
+               "the data set or raise --max-set-aside-share",
                options_.panoramas.c_str(), num_bad, num_stated, first.id.c_str(),
-               first.reason.c_str()));
+               first.reason.c_str(), options_.out.c_str()));
   }
 
   void Place() {
@@ -282,6 +298,11 @@ RunReport Build(const BuildOptions& options) {
                                                    : std::thread::hardware_concurrency();
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
   ThrowIfError(CheckParentIsWritable(options.out, "--out"));
+  RefuseForeignFolder(options.out);
+  if (options.map_frame != "tangent") {
+    const auto known = MapFrame::FromName(options.map_frame);
+    if (!known.ok()) throw Error(ErrorCode::kInvalidArgument, known.status().message());
+  }
   return BuildRun(options).Run();
 }
 

@@ -5,9 +5,11 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 
+#include "common/base/cancel.h"
 #include "common/base/log.h"
 
 extern char** environ;
@@ -51,8 +53,20 @@ int Run(const std::vector<std::string>& command) {
     throw Error(ErrorCode::kIo, command[0] + ": cannot be started: " + std::strerror(failure));
   int status = 0;
   while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+    // A signal sent to this process alone is the child's to obey as well.
+    if (CancelRequested()) kill(child, SIGINT);
   }
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+// The error that the runtime ended with, so that our own exit code is the same.
+ErrorCode CodeOf(int exit_code) {
+  for (const ErrorCode code :
+       {ErrorCode::kInvalidArgument, ErrorCode::kBadData, ErrorCode::kNotFound, ErrorCode::kIo,
+        ErrorCode::kUnsupportedVersion}) {
+    if (ExitCode(code) == exit_code) return code;
+  }
+  return ErrorCode::kInternal;
 }
 
 }  // namespace
@@ -76,6 +90,9 @@ Result<fs::path> FindRuntime() {
 
 Replay ReplayDrive(const fs::path& runtime, const fs::path& bundle, const fs::path& drive,
                    const std::vector<std::string>& extra) {
+  if (access(runtime.c_str(), X_OK) != 0) {
+    throw Error(ErrorCode::kNotFound, runtime.string() + ": no program there; give --runtime");
+  }
   const TemporaryFolder folder;
   const fs::path poses = folder.path() / "poses.csv", log = folder.path() / "log.json";
   std::vector<std::string> command = {runtime.string(), "localize",     "--bundle", bundle.string(),
@@ -85,9 +102,8 @@ Replay ReplayDrive(const fs::path& runtime, const fs::path& bundle, const fs::pa
   const int code = Run(command);
   if (code == 130) throw Error(ErrorCode::kCancelled, "stopped by the user");
   if (code != 0) {
-    throw Error(
-        ErrorCode::kBadData,
-        Format("%s localize ended with exit code %d; its message is above", runtime.c_str(), code));
+    throw Error(CodeOf(code), Format("%s localize ended with exit code %d; its message is above",
+                                     runtime.c_str(), code));
   }
   return {ValueOrThrow(ReadPosesCsv(poses)), ValueOrThrow(ReadRunLog(log))};
 }

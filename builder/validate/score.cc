@@ -37,6 +37,7 @@ FrameScore ScoreFrame(const PoseRow& row, const TruthPose& truth) {
   score.timestamp_ns = row.timestamp_ns;
   score.status = row.status;
   score.has_truth = true;
+  score.has_attitude_truth = truth.attitude.has_value();
   if (!row.pose) return score;
   const Eigen::Vector3d error = ErrorEnu(row.pose->position, truth.position);
   score.position_error_m = error.norm();
@@ -53,6 +54,23 @@ FrameScore ScoreFrame(const PoseRow& row, const TruthPose& truth) {
     if (std::isfinite(nees)) score.nees = nees;
   }
   return score;
+}
+
+// A table of zeros would read as a verdict where nothing was compared.
+void RefuseUnrelated(const ScoreTable& table,
+                     const std::map<std::int64_t, const PoseRow*>& row_of) {
+  if (table.num_with_truth == 0) {
+    throw Error(
+        ErrorCode::kBadData,
+        "no frame has a truth of its own time; frames.csv and truth.csv do not belong together");
+  }
+  const bool related =
+      std::any_of(table.frames.begin(), table.frames.end(),
+                  [&](const FrameScore& f) { return row_of.count(f.timestamp_ns) > 0; });
+  if (!row_of.empty() && !related) {
+    throw Error(ErrorCode::kBadData,
+                "no pose has the time of a frame; the poses are of another drive");
+  }
 }
 
 void SummarizeLog(const RunLog& log, ScoreTable* table) {
@@ -89,7 +107,13 @@ double ScoreTable::Share(int count) const {
 ScoreTable Score(const Drive& drive, const std::vector<PoseRow>& poses, const RunLog& log,
                  double bundle_mb_per_km) {
   std::map<std::int64_t, const PoseRow*> row_of;
-  for (const PoseRow& row : poses) row_of.emplace(row.timestamp_ns, &row);
+  for (const PoseRow& row : poses) {
+    if (!row_of.emplace(row.timestamp_ns, &row).second) {
+      throw Error(ErrorCode::kBadData,
+                  Format("poses: time %lld twice; one row a frame is what a score can read",
+                         static_cast<long long>(row.timestamp_ns)));
+    }
+  }
   std::map<std::int64_t, const TruthPose*> truth_of;
   for (const TruthPose& truth : drive.truth) truth_of.emplace(truth.timestamp_ns, &truth);
 
@@ -117,7 +141,7 @@ ScoreTable Score(const Drive& drive, const std::vector<PoseRow>& poses, const Ru
     table.num_fixes += fixed;
     if (fixed && score.has_truth) {
       position_m.push_back(score.position_error_m);
-      attitude_deg.push_back(score.attitude_error_deg);
+      if (score.has_attitude_truth) attitude_deg.push_back(score.attitude_error_deg);
       if (score.nees) nees.push_back(*score.nees);
       table.num_false_fixes += score.position_error_m > kFalseFix_m;
       for (std::size_t b = 0; b < kAccuracyBands.size(); ++b) {
@@ -127,6 +151,9 @@ ScoreTable Score(const Drive& drive, const std::vector<PoseRow>& poses, const Ru
     }
     table.frames.push_back(score);
   }
+  RefuseUnrelated(table, row_of);
+  table.num_scored = static_cast<int>(position_m.size());
+  table.num_attitude_scored = static_cast<int>(attitude_deg.size());
   table.median_position_error_m = Median(position_m);
   table.p95_position_error_m = Quantile(position_m, 0.95);
   table.median_attitude_error_deg = Median(attitude_deg);
@@ -154,9 +181,13 @@ std::string ScoreTable::ToText() const {
         share(num_within[b]));
   }
   row("position error of fixes",
-      Format("median %.3f m, 95 %% %.3f m", median_position_error_m, p95_position_error_m));
-  row("attitude error of fixes",
-      Format("median %.3f deg, 95 %% %.3f deg", median_attitude_error_deg, p95_attitude_error_deg));
+      num_scored == 0
+          ? std::string("-")
+          : Format("median %.3f m, 95 %% %.3f m", median_position_error_m, p95_position_error_m));
+  row("attitude error of fixes", num_attitude_scored == 0
+                                     ? std::string("-")
+                                     : Format("median %.3f deg, 95 %% %.3f deg",
+                                              median_attitude_error_deg, p95_attitude_error_deg));
   row(Format("false fixes (> %g m)", kFalseFix_m), share(num_false_fixes));
   row("longest gap without a fix", Format("%d frames", longest_gap_frames));
   row("NEES median (expected 3.36)", nees_median ? Format("%.2f", *nees_median) : std::string("-"));
@@ -188,6 +219,10 @@ std::string ScoreTable::ToJson() const {
                               {"resident_memory_mb", resident_memory_mb},
                               {"bundle_mb_per_km", bundle_mb_per_km},
                               {"comparisons_avoided", comparisons_avoided}};
+  // Unsaid, not zero, where nothing was compared.
+  if (num_scored == 0) j["median_position_error_m"] = j["p95_position_error_m"] = nullptr;
+  if (num_attitude_scored == 0)
+    j["median_attitude_error_deg"] = j["p95_attitude_error_deg"] = nullptr;
   j["nees_median"] = nees_median ? nlohmann::ordered_json(*nees_median) : nlohmann::ordered_json();
   for (std::size_t b = 0; b < kAccuracyBands.size(); ++b) {
     j["share_within"].push_back({{"position_m", kAccuracyBands[b].position_m},
@@ -202,7 +237,7 @@ std::string ScoreTable::ToJson() const {
                                     {"status", FixStatusName(f.status)}};
     if (f.has_truth && f.status != FixStatus::kNoFix) {
       frame["position_error_m"] = f.position_error_m;
-      frame["attitude_error_deg"] = f.attitude_error_deg;
+      if (f.has_attitude_truth) frame["attitude_error_deg"] = f.attitude_error_deg;
     }
     j["frames"].push_back(frame);
   }

@@ -25,7 +25,7 @@ inline constexpr std::array<AccuracyBand, 5> kAccuracyBands{
 struct FrameScore {
   std::int64_t timestamp_ns = 0;
   FixStatus status = FixStatus::kNoFix;
-  bool has_truth = false;
+  bool has_truth = false, has_attitude_truth = false;
   double position_error_m = 0;    // 3-D; where there is a pose
   double attitude_error_deg = 0;  // angle of the relative rotation; 0 without attitude truth
   std::optional<double> nees;     // 4 degrees of freedom: east, north, up, heading
@@ -41,6 +41,7 @@ struct ScoreTable {
   std::array<int, kAccuracyBands.size()> num_within{};           // fixes within each band
   double median_position_error_m = 0, p95_position_error_m = 0;  // of fixes
   double median_attitude_error_deg = 0, p95_attitude_error_deg = 0;
+  int num_scored = 0, num_attitude_scored = 0;  // fixes with truth; 0 leaves their errors unsaid
   int num_false_fixes = 0;
   int longest_gap_frames = 0;         // consecutive frames without a fix
   std::optional<double> nees_median;  // expectation 3.36: the median of chi-square with 4
@@ -55,7 +56,9 @@ struct ScoreTable {
 };
 
 // Scores every frame of the drive; a frame without a row counts as no fix, one without truth counts
-// in the shares of fixes only. `log` may be empty; `bundle_mb_per_km` 0 where there is no bundle.
+// in the shares of fixes only; without attitude truth the bands hold positions alone. Throws
+// Error(kBadData) where no frame has truth or no pose belongs to a frame, or where times repeat.
+// `log` may be empty; `bundle_mb_per_km` 0 where there is no bundle.
 [[nodiscard]] ScoreTable Score(const Drive& drive, const std::vector<PoseRow>& poses,
                                const RunLog& log, double bundle_mb_per_km);
 

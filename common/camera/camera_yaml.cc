@@ -74,6 +74,11 @@ Result<Camera> ParseCameraYaml(const std::string& text, const std::string& name)
 }
 
 Result<Camera> ReadCameraYaml(const std::filesystem::path& path) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored)) {
+    return Status(ErrorCode::kInvalidArgument,
+                  path.string() + ": is a folder; name its camera.yaml");
+  }
   std::ifstream file(path);
   if (!file) {
     return Status(ErrorCode::kNotFound,

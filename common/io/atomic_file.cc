@@ -3,11 +3,11 @@
 #include <fcntl.h>
 #include <sys/stat.h>
 
+#include <unistd.h>
 #include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
-#include <unistd.h>
 
 #include <string>
 
@@ -172,15 +172,39 @@ Status PublishDirectory(const fs::path& staged_folder, const fs::path& target_fo
 }
 
 Status CheckParentIsWritable(const std::filesystem::path& path, const std::string& option) {
-  std::filesystem::path folder = std::filesystem::absolute(path).lexically_normal().parent_path();
-  // Folders that are missing are made later; what matters is the first that is there.
   std::error_code ignored;
-  while (!std::filesystem::exists(folder, ignored) && folder.has_relative_path()) folder = folder.parent_path();
+  std::filesystem::path folder =
+      std::filesystem::absolute(path, ignored).lexically_normal().parent_path();
+  if (path.empty() || folder.empty()) {
+    return {ErrorCode::kInvalidArgument, option + " is empty; name a path"};
+  }
+  // Folders that are missing are made later; what matters is the first that is there.
+  while (!std::filesystem::exists(folder, ignored) && folder.has_relative_path())
+    folder = folder.parent_path();
   if (!std::filesystem::is_directory(folder, ignored)) {
     return {ErrorCode::kIo, folder.string() + ": not a folder; choose another " + option};
   }
   if (::access(folder.c_str(), W_OK | X_OK) != 0) {
-    return {ErrorCode::kIo, folder.string() + ": not writable for this user; choose another " + option};
+    return {ErrorCode::kIo,
+            folder.string() + ": not writable for this user; choose another " + option};
+  }
+  return {};
+}
+
+Status CheckFileCanBeWritten(const std::filesystem::path& path, const std::string& option) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored)) {
+    return {ErrorCode::kInvalidArgument,
+            path.string() + ": is a folder; name a file for " + option};
+  }
+  if (std::filesystem::is_other(path, ignored)) return {};
+  Status parent = CheckParentIsWritable(path, option);
+  if (!parent.ok()) return parent;
+  // The file's folder is not made on the way.
+  const auto folder = std::filesystem::absolute(path, ignored).parent_path();
+  if (!std::filesystem::is_directory(folder, ignored)) {
+    return {ErrorCode::kNotFound,
+            folder.string() + ": no such folder; make it, or choose another " + option};
   }
   return {};
 }

@@ -22,7 +22,13 @@ namespace panofix {
 
 // Whether something can be made beside `path`: asked before long work whose result goes there. The
 // message names the folder and `option`.
-[[nodiscard]] Status CheckParentIsWritable(const std::filesystem::path& path, const std::string& option);
+[[nodiscard]] Status CheckParentIsWritable(const std::filesystem::path& path,
+                                           const std::string& option);
+
+// Whether a file can be written at `path`: not a folder, its own folder writable. Devices and pipes
+// pass.
+[[nodiscard]] Status CheckFileCanBeWritten(const std::filesystem::path& path,
+                                           const std::string& option);
 
 // Puts the finished folder `staged` in the place of `target` by one rename: a target that exists is
 // exchanged in one step (renameat2 RENAME_EXCHANGE) and then removed, so that a reader sees the old

@@ -105,9 +105,9 @@ Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::
   }
   for (const BundlePart& part : parts) {
     const std::string name = (folder / part.path).string();
-    const UniqueFd fd(::open(name.c_str(), O_RDONLY | O_CLOEXEC));
+    const UniqueFd fd(::open(name.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
     struct stat info {};
-    if (!fd.valid() || ::fstat(fd.get(), &info) != 0) {
+    if (!fd.valid() || ::fstat(fd.get(), &info) != 0 || !S_ISREG(info.st_mode)) {
       return Status(ErrorCode::kNotFound, name + ": cannot be read" + kMend);
     }
     if (static_cast<std::uint64_t>(info.st_size) != part.num_bytes) {

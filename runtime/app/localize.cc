@@ -38,12 +38,9 @@ std::uint64_t PeakMemoryBytes() {
 Status LocalizeDrive(const LocalizeOptions& options) {
   const auto format = ParsePoseFormat(options.format);
   if (!format.ok()) return format.status();
-  // Devices and pipes are written straight through; only files need a folder.
-  std::error_code ignored;
-  if (!std::filesystem::exists(options.out, ignored)) {
-    const Status writable = CheckParentIsWritable(options.out, "--out");
-    if (!writable.ok()) return writable;
-  }
+  Status writable = CheckFileCanBeWritten(options.out, "--out");
+  if (writable.ok() && options.log) writable = CheckFileCanBeWritten(*options.log, "--log");
+  if (!writable.ok()) return writable;
   const auto drive = ReadDrive(options.drive);
   if (!drive.ok()) return drive.status();
   auto localizer = Localizer::Open(options.bundle, drive->camera, options.localizer);

@@ -21,8 +21,13 @@ namespace {
 // Views matched a frame: a window is sure of its place, a global search needs more tries.
 constexpr int kWindowedViews = 8;
 constexpr int kGlobalViews = 12;
+// A last fix older than this predicts no pose, and beyond the second bound opens no window either:
+// a vehicle may be anywhere by then. Times that run backwards say nothing.
+constexpr double kPredictionAge_s = 4.0, kWindowAge_s = 20.0;
 // Views of the last fix that open the next window.
 constexpr std::size_t kWindowSeeds = 4;
+
+double Seconds(std::int64_t duration_ns) { return 1e-9 * static_cast<double>(duration_ns); }
 
 class Stopwatch {
  public:
@@ -89,7 +94,9 @@ struct Localizer::Impl {
   FrameFeatures Extract(const GrayImage& frame, BagOfWords* bag, StageLatency* latency);
   PoseOutcome Solve(const FrameFeatures& features, const RetrievalResult& retrieved,
                     LocalFrame* local, StageLatency* latency) const;
+  // What the last fixes say of a frame at `now_ns`; Forget drops what is too old first.
   [[nodiscard]] std::vector<Rigid3> Predictions(const LocalFrame& local) const;
+  void Forget(std::int64_t timestamp_ns);
   void Lose();
   void Run(const GrayImage& frame, FrameResult* result);
   void Fill(const PoseOutcome& outcome, const LocalFrame& local, FrameResult* result) const;
@@ -102,7 +109,13 @@ struct Localizer::Impl {
   BundleIdentity identity;
   std::unique_ptr<tbb::global_control> thread_limit;
   std::vector<std::uint32_t> last_views;  // of the last fix; empty = lost
-  std::vector<Rigid3> last_poses;  // map_from_cam of the last fixes of an unbroken run, at most 2
+  struct PastPose {
+    std::int64_t timestamp_ns;
+    Rigid3 map_from_cam;
+  };
+  std::vector<PastPose> last_poses;  // of the last fixes of an unbroken run, at most 2
+  std::int64_t last_fix_ns = 0;      // time of last_views
+  std::int64_t now_ns = 0;           // time of the frame under way
 };
 
 FrameFeatures Localizer::Impl::Extract(const GrayImage& frame, BagOfWords* bag,
@@ -150,12 +163,22 @@ std::vector<Rigid3> Localizer::Impl::Predictions(const LocalFrame& local) const 
         Rigid3(map_from_cam.rotation, local.FromMap(map_from_cam.translation)).Inverse());
   };
   if (last_poses.size() == 2) {
-    Rigid3 moved = last_poses[1];
-    moved.translation += last_poses[1].translation - last_poses[0].translation;
+    const double step_s = Seconds(last_poses[1].timestamp_ns - last_poses[0].timestamp_ns);
+    Rigid3 moved = last_poses[1].map_from_cam;
+    moved.translation += (moved.translation - last_poses[0].map_from_cam.translation) *
+                         (Seconds(now_ns - last_poses[1].timestamp_ns) / step_s);
     add(moved);
   }
-  if (!last_poses.empty()) add(last_poses.back());
+  if (!last_poses.empty()) add(last_poses.back().map_from_cam);
   return predictions;
+}
+
+// Drops what is too old for a frame at `timestamp_ns`, or lies in its future.
+void Localizer::Impl::Forget(std::int64_t timestamp_ns) {
+  now_ns = timestamp_ns;
+  const double age_s = Seconds(timestamp_ns - last_fix_ns);
+  if (!(age_s > 0 && age_s <= kPredictionAge_s)) last_poses.clear();
+  if (!(age_s > 0 && age_s <= kWindowAge_s)) last_views.clear();
 }
 
 void Localizer::Impl::Lose() {
@@ -211,12 +234,14 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
     result->best_panorama = bundle->panoramas()[bundle->views()[outcome.best_view].panorama_idx].id;
     last_views = outcome.views;
     if (last_views.size() > kWindowSeeds) last_views.resize(kWindowSeeds);
+    last_fix_ns = now_ns;
     // A degraded pose opens the next window, but predicts nothing.
     if (outcome.degraded) {
       last_poses.clear();
       return;
     }
-    last_poses.emplace_back(result->pose->map_from_cam, result->pose->position_in_map);
+    last_poses.push_back(
+        {now_ns, Rigid3(result->pose->map_from_cam, result->pose->position_in_map)});
     if (last_poses.size() > 2) last_poses.erase(last_poses.begin());
     return;
   }
@@ -261,6 +286,7 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
     if (frame.width_px != impl_->camera.width_px || frame.height_px != impl_->camera.height_px) {
       result.reason = "frame_size_differs_from_camera";
     } else {
+      impl_->Forget(timestamp_ns);
       impl_->Run(frame, &result);
     }
   } catch (const std::exception& error) {

@@ -39,14 +39,15 @@ std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bund
 std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local,
                        const PoseOptions& options) {
   if (outcome.num_inliers < options.min_inliers) return "too_few_inliers";
-  if (outcome.spread < options.min_spread) return "inliers_clustered";
+  // Comparisons are written so that NaN fails.
+  if (!(outcome.spread >= options.min_spread)) return "inliers_clustered";
   if (outcome.num_inliers < options.min_lead * outcome.num_elsewhere) return "ambiguous_place";
   if (options.use_guided &&
-      (outcome.support < options.min_support || outcome.over_chance < options.min_over_chance)) {
+      !(outcome.support >= options.min_support && outcome.over_chance >= options.min_over_chance)) {
     return "landmarks_missing";
   }
   if (!(PositionSigma_m(outcome) < options.max_position_sigma_m)) return "pose_uncertain";
-  if (outcome.chi2_per_dof > options.max_chi2_per_dof) return "residuals_too_large";
+  if (!(outcome.chi2_per_dof <= options.max_chi2_per_dof)) return "residuals_too_large";
   return ImplausiblePlace(outcome.cam_from_local.Inverse(), bundle, local, options);
 }
 
