@@ -59,6 +59,7 @@ FrameScore ScoreFrame(const PoseRow& row, const TruthPose& truth) {
 // A table of zeros would read as a verdict where nothing was compared.
 void RefuseUnrelated(const ScoreTable& table,
                      const std::map<std::int64_t, const PoseRow*>& row_of) {
+  if (table.num_frames == 0) return;
   if (table.num_with_truth == 0) {
     throw Error(
         ErrorCode::kBadData,

@@ -182,11 +182,12 @@ Status CheckParentIsWritable(const std::filesystem::path& path, const std::strin
   while (!std::filesystem::exists(folder, ignored) && folder.has_relative_path())
     folder = folder.parent_path();
   if (!std::filesystem::is_directory(folder, ignored)) {
-    return {ErrorCode::kIo, folder.string() + ": not a folder; choose another " + option};
+    return {ErrorCode::kIo, path.string() + ": cannot be made, " + folder.string() +
+                                " is not a folder; choose another " + option};
   }
   if (::access(folder.c_str(), W_OK | X_OK) != 0) {
-    return {ErrorCode::kIo,
-            folder.string() + ": not writable for this user; choose another " + option};
+    return {ErrorCode::kIo, path.string() + ": cannot be made, " + folder.string() +
+                                " is not writable for this user; choose another " + option};
   }
   return {};
 }

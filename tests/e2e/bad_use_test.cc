@@ -72,6 +72,16 @@ TEST(BadUse, FoldersThatCannotBeWrittenAreNamed) {
                 {(locked / "poses.csv").string()});
 }
 
+TEST(BadUse, AFolderThatIsNoBundleIsKept) {
+  const fs::path foreign = Data().root() / "foreign";
+  fs::create_directory(foreign);
+  WriteText(foreign / "thesis.txt", "years of work");
+  ExpectRefused(Data().Build(Data().panoramas(), foreign), kWrongUse, {"foreign", "--out"});
+  EXPECT_EQ(ReadText(foreign / "thesis.txt"), "years of work");
+  ExpectRefused(Data().Localize(SharedData().bundle, Data().drive(), foreign), kWrongUse,
+                {"foreign", "folder"});
+}
+
 TEST(BadUse, ADepthFileThatIsNoneIsNamed) {
   const fs::path good = Data().town() / "panoramas" / "pano-00000.gsv";
   const fs::path cut = Data().root() / "cut.gsv";

@@ -152,7 +152,8 @@ TEST_F(ReproducibleBuild, AMovedPanoramaChangesTheGraphAlone) {
     EXPECT_EQ(moved.at(path) != bytes, names_poses) << path;
   }
   const auto hash_of = [](const Files& files) {
-    return Json::parse(files.at("manifest.json"))["provenance"]["data_set_sha256"].get<std::string>();
+    return Json::parse(files.at("manifest.json"))["provenance"]["data_set_sha256"]
+        .get<std::string>();
   };
   EXPECT_NE(hash_of(moved), hash_of(reference_));
 }

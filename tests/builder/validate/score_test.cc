@@ -228,6 +228,33 @@ TEST(Score, LatencyAndComparisonsComeFromTheLog) {
   EXPECT_EQ(total.p99, 99.0);
 }
 
+// A table of zeros would read as a verdict.
+TEST(Score, WhatDoesNotBelongTogetherIsRefused) {
+  Drive drive;
+  drive.frames = {{1, "a.jpg"}, {2, "b.jpg"}};
+  drive.truth.resize(1);
+  drive.truth[0].timestamp_ns = 3;
+  EXPECT_THROW((void)Score(drive, {}, {}, 0), Error);
+  drive.truth[0].timestamp_ns = 2;
+  EXPECT_NO_THROW((void)Score(drive, {}, {}, 0));
+  PoseRow row;
+  row.timestamp_ns = 7;
+  EXPECT_THROW((void)Score(drive, {row}, {}, 0), Error);
+  row.timestamp_ns = 1;
+  EXPECT_NO_THROW((void)Score(drive, {row}, {}, 0));
+  EXPECT_THROW((void)Score(drive, {row, row}, {}, 0), Error);
+}
+
+TEST(Score, NothingFixedLeavesErrorsUnsaid) {
+  Drive drive;
+  drive.frames = {{1, "a.jpg"}};
+  drive.truth.resize(1);
+  drive.truth[0].timestamp_ns = 1;
+  const ScoreTable table = Score(drive, {}, {}, 0);
+  EXPECT_NE(table.ToText().find("position error of fixes            -"), std::string::npos);
+  EXPECT_TRUE(nlohmann::json::parse(table.ToJson())["median_position_error_m"].is_null());
+}
+
 TEST(Score, AnEmptyDriveIsNoDivisionByZero) {
   const ScoreTable table = Score({}, {}, {}, 0);
   EXPECT_EQ(table.num_frames, 0);
