@@ -12,6 +12,7 @@
 #include "common/base/log.h"
 #include "common/geometry/attitude.h"
 #include "common/map/map_bundle.h"
+#include "runtime/localizer/fix_history.h"
 #include "runtime/pose/pose_estimator.h"
 #include "runtime/retrieval/retrieval.h"
 
@@ -21,14 +22,6 @@ namespace {
 // Views matched a frame: a window is sure of its place, a global search needs more tries.
 constexpr int kWindowedViews = 8;
 constexpr int kGlobalViews = 12;
-// A last fix older than this predicts no pose, and beyond the second bound opens no window either:
-// a vehicle may be anywhere by then. Times that run backwards say nothing.
-constexpr double kPredictionAge_s = 4.0, kWindowAge_s = 20.0;
-// Views of the last fix that open the next window.
-constexpr std::size_t kWindowSeeds = 4;
-
-double Seconds(std::int64_t duration_ns) { return 1e-9 * static_cast<double>(duration_ns); }
-
 class Stopwatch {
  public:
   // Milliseconds since the last lap.
@@ -93,12 +86,8 @@ struct Localizer::Impl {
 
   FrameFeatures Extract(const GrayImage& frame, BagOfWords* bag, StageLatency* latency);
   PoseOutcome Solve(const FrameFeatures& features, const RetrievalResult& retrieved,
-                    LocalFrame* local, StageLatency* latency) const;
-  // What the last fixes say of a frame at `now_ns`; Forget drops what is too old first.
-  [[nodiscard]] std::vector<Rigid3> Predictions(const LocalFrame& local) const;
-  void Forget(std::int64_t timestamp_ns);
-  void Lose();
-  void Run(const GrayImage& frame, FrameResult* result);
+                    std::int64_t now_ns, LocalFrame* local, StageLatency* latency) const;
+  void Run(const GrayImage& frame, FrameResult* result);  // result->timestamp_ns is set
   void Fill(const PoseOutcome& outcome, const LocalFrame& local, FrameResult* result) const;
 
   std::shared_ptr<const MapBundle> bundle;
@@ -108,14 +97,7 @@ struct Localizer::Impl {
   PoseOptions pose_options;
   BundleIdentity identity;
   std::unique_ptr<tbb::global_control> thread_limit;
-  std::vector<std::uint32_t> last_views;  // of the last fix; empty = lost
-  struct PastPose {
-    std::int64_t timestamp_ns;
-    Rigid3 map_from_cam;
-  };
-  std::vector<PastPose> last_poses;  // of the last fixes of an unbroken run, at most 2
-  std::int64_t last_fix_ns = 0;      // time of last_views
-  std::int64_t now_ns = 0;           // time of the frame under way
+  FixHistory history;
 };
 
 FrameFeatures Localizer::Impl::Extract(const GrayImage& frame, BagOfWords* bag,
@@ -138,7 +120,8 @@ FrameFeatures Localizer::Impl::Extract(const GrayImage& frame, BagOfWords* bag,
 }
 
 PoseOutcome Localizer::Impl::Solve(const FrameFeatures& features, const RetrievalResult& retrieved,
-                                   LocalFrame* local, StageLatency* latency) const {
+                                   std::int64_t now_ns, LocalFrame* local,
+                                   StageLatency* latency) const {
   Stopwatch watch;
   std::vector<ViewMatches> matches(retrieved.views.size());
   *local = LocalFrame::At(
@@ -149,41 +132,15 @@ PoseOutcome Localizer::Impl::Solve(const FrameFeatures& features, const Retrieva
         MatchView(features, camera, *bundle, retrieved.views[i].view_idx, *local, match_options);
   });
   latency->matching_ms += watch.Lap();
+  std::vector<Rigid3> predictions;
+  for (const Rigid3& map_from_cam : history.Predictions(now_ns)) {
+    predictions.push_back(
+        Rigid3(map_from_cam.rotation, local->FromMap(map_from_cam.translation)).Inverse());
+  }
   PoseOutcome outcome =
-      EstimatePose(matches, Predictions(*local), features, camera, *bundle, *local, pose_options);
+      EstimatePose(matches, predictions, features, camera, *bundle, *local, pose_options);
   latency->pose_ms += watch.Lap();
   return outcome;
-}
-
-// Where the camera may be by its last fixes, cam_from_local: moved on as before, or standing still.
-std::vector<Rigid3> Localizer::Impl::Predictions(const LocalFrame& local) const {
-  std::vector<Rigid3> predictions;
-  const auto add = [&](const Rigid3& map_from_cam) {
-    predictions.push_back(
-        Rigid3(map_from_cam.rotation, local.FromMap(map_from_cam.translation)).Inverse());
-  };
-  if (last_poses.size() == 2) {
-    const double step_s = Seconds(last_poses[1].timestamp_ns - last_poses[0].timestamp_ns);
-    Rigid3 moved = last_poses[1].map_from_cam;
-    moved.translation += (moved.translation - last_poses[0].map_from_cam.translation) *
-                         (Seconds(now_ns - last_poses[1].timestamp_ns) / step_s);
-    add(moved);
-  }
-  if (!last_poses.empty()) add(last_poses.back().map_from_cam);
-  return predictions;
-}
-
-// Drops what is too old for a frame at `timestamp_ns`, or lies in its future.
-void Localizer::Impl::Forget(std::int64_t timestamp_ns) {
-  now_ns = timestamp_ns;
-  const double age_s = Seconds(timestamp_ns - last_fix_ns);
-  if (!(age_s > 0 && age_s <= kPredictionAge_s)) last_poses.clear();
-  if (!(age_s > 0 && age_s <= kWindowAge_s)) last_views.clear();
-}
-
-void Localizer::Impl::Lose() {
-  last_views.clear();
-  last_poses.clear();
 }
 
 void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local,
@@ -208,15 +165,16 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
   constexpr std::size_t kFewestFeatures = 20;
   if (features.sift.size() < kFewestFeatures) {
     result->reason = "too_few_features";
-    Lose();
+    history.Lose();
     return;
   }
   // The window of the last fix first; the whole map where that fails.
   for (const bool windowed : {true, false}) {
-    if (windowed && last_views.empty()) continue;
+    if (windowed && history.seeds().empty()) continue;
     Stopwatch watch;
-    const RetrievalResult retrieved = windowed ? retrieval.Windowed(bag, last_views, kWindowedViews)
-                                               : retrieval.Global(bag, kGlobalViews);
+    const RetrievalResult retrieved = windowed
+                                          ? retrieval.Windowed(bag, history.seeds(), kWindowedViews)
+                                          : retrieval.Global(bag, kGlobalViews);
     result->latency.retrieval_ms += watch.Lap();
     // Distinct views: a window lies within the whole map.
     result->num_compared = std::max(result->num_compared, retrieved.num_compared);
@@ -225,27 +183,20 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
       continue;
     }
     LocalFrame local;
-    const PoseOutcome outcome = Solve(features, retrieved, &local, &result->latency);
+    const PoseOutcome outcome =
+        Solve(features, retrieved, result->timestamp_ns, &local, &result->latency);
     result->reason = outcome.reason;
     result->num_inliers = outcome.num_inliers;
     result->num_views = static_cast<int>(outcome.views.size());
     if (!outcome.trusted) continue;
     Fill(outcome, local, result);
     result->best_panorama = bundle->panoramas()[bundle->views()[outcome.best_view].panorama_idx].id;
-    last_views = outcome.views;
-    if (last_views.size() > kWindowSeeds) last_views.resize(kWindowSeeds);
-    last_fix_ns = now_ns;
-    // A degraded pose opens the next window, but predicts nothing.
-    if (outcome.degraded) {
-      last_poses.clear();
-      return;
-    }
-    last_poses.push_back(
-        {now_ns, Rigid3(result->pose->map_from_cam, result->pose->position_in_map)});
-    if (last_poses.size() > 2) last_poses.erase(last_poses.begin());
+    history.Add(result->timestamp_ns,
+                Rigid3(result->pose->map_from_cam, result->pose->position_in_map), outcome.views,
+                outcome.degraded);
     return;
   }
-  Lose();
+  history.Lose();
 }
 
 Localizer::Localizer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -286,7 +237,7 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
     if (frame.width_px != impl_->camera.width_px || frame.height_px != impl_->camera.height_px) {
       result.reason = "frame_size_differs_from_camera";
     } else {
-      impl_->Forget(timestamp_ns);
+      impl_->history.Advance(timestamp_ns);
       impl_->Run(frame, &result);
     }
   } catch (const std::exception& error) {
