@@ -68,13 +68,15 @@ std::string Legend(const Canvas& canvas) {
   svg += Text(338, y, Format("fix, error 0 to %g m and more", kRedError_m));
   svg += Circle({70, y + 18}, 6, "fill='#d0d'") +
          Text(82, y + 22, Format("false fix (> %g m)", kFalseFix_m));
-  svg += Circle({216, y + 18}, 4, "fill='none' stroke='#1a6fd0'") + Text(226, y + 22, "no fix");
+  svg += Circle({216, y + 18}, 4, "fill='none' stroke='#1a6fd0'") + Text(226, y + 22, "no fix") +
+         Circle({282, y + 18}, 6, "fill='#ddd' stroke='#000' stroke-dasharray='2,2'") +
+         Text(294, y + 22, "degraded");
   double bar_m = 1;
   while (bar_m * canvas.scale() < 60)
     bar_m *= bar_m == 1 || std::fmod(std::log10(bar_m), 1) == 0 ? 5 : 2;
   svg +=
-      Line({300, y + 18}, {300 + bar_m * canvas.scale(), y + 18}, "stroke='#000' stroke-width='3'");
-  return svg + Text(306 + bar_m * canvas.scale(), y + 22, Format("%g m", bar_m));
+      Line({380, y + 18}, {380 + bar_m * canvas.scale(), y + 18}, "stroke='#000' stroke-width='3'");
+  return svg + Text(386 + bar_m * canvas.scale(), y + 22, Format("%g m", bar_m));
 }
 
 }  // namespace
@@ -122,10 +124,14 @@ std::string BirdsEyeSvg(const MapBundle& bundle, const Drive& drive,
     const Eigen::Vector2d here = on_map(row.pose->position);
     std::string color = "#1a6fd0";
     if (truth != truth_of.end()) {
-      color = ErrorColor((here - truth->second).norm());
+      // A degraded pose is never a false fix, however red.
+      const double error_m = (here - truth->second).norm();
+      color = ErrorColor(row.status == FixStatus::kFix ? error_m : std::min(error_m, kFalseFix_m));
       svg += Line(canvas.At(here), canvas.At(truth->second), "stroke='#555'");
     }
-    svg += Circle(canvas.At(here), 6, "fill='" + color + "' stroke='#333'");
+    const char* edge = row.status == FixStatus::kDegraded ? "' stroke='#000' stroke-dasharray='2,2'"
+                                                          : "' stroke='#333'";
+    svg += Circle(canvas.At(here), 6, "fill='" + color + edge);
   }
   return svg + Legend(canvas) + "</svg>\n";
 }
