@@ -20,11 +20,11 @@ namespace fs = std::filesystem;
 using testing::HasSubstr;
 
 // Only a failing test waits this long.
-constexpr double kPatience_s = 60;
+constexpr double kPatience_s = 60 * PANOFIX_SLOWDOWN;
 // SIGTERM is to end a waiting serve within this.
 constexpr double kStop_s = 2;
 // Frames a second, so slow that a loaded machine drops none: an answer takes a tenth of the gap.
-constexpr const char* kSlowRate_hz = "0.5";
+constexpr const char* kSlowRate_hz = PANOFIX_SLOWDOWN > 1 ? "0.05" : "0.5";
 // Half a unit of the last decimal of poses.csv, doubled.
 constexpr double kPositionTolerance_deg = 1e-9, kAngleTolerance_deg = 1e-5;
 
