@@ -1,7 +1,6 @@
 // The whole build: the stages in order, each timed into the report.
 #include "builder/pipeline/build.h"
 
-#include <sys/resource.h>
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -15,6 +14,7 @@
 #include "builder/tiling/quadkey.h"
 #include "common/base/cancel.h"
 #include "common/base/log.h"
+#include "common/base/memory.h"
 #include "common/io/atomic_file.h"
 #include "common/io/sha256.h"
 
@@ -84,12 +84,6 @@ std::string DataSetHash(const std::vector<ExtractedPanorama>& panoramas) {
     for (const std::string& link : r.links) hash.Update(link + "\n");
   }
   return hash.FinishHex();
-}
-
-std::uint64_t PeakMemoryBytes() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
 }
 
 // What is at --out is replaced: it must be a bundle, or nothing that anybody could miss.

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <unordered_map>
 
 #include "common/base/log.h"
 #include "common/image/gray_image.h"
@@ -217,6 +216,7 @@ Status MapBundle::LoadGraph(const Hdf5Reader& file) {
   similar_views_ = std::move(similar);
   slices_.assign(views_.size(), {~0U, 0, 0});
   bags_.resize(views_.size());
+  for (std::uint32_t i = 0; i < panoramas_.size(); ++i) index_of_panorama_[panoramas_[i].id] = i;
   normals_.resize(panoramas_.size());
   return {};
 }
@@ -242,12 +242,11 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
       !std::all_of(keypoints.values.begin(), keypoints.values.end(), finite)) {
     return Bad("features are not finite");
   }
-  std::unordered_map<std::string, std::uint32_t> index_of;
-  for (std::uint32_t i = 0; i < panoramas_.size(); ++i) index_of[panoramas_[i].id] = i;
   std::vector<std::uint32_t> view_of_slot, panorama_of_slot;
   for (std::size_t p = 0; p < ids->size(); ++p) {
-    const auto found = index_of.find((*ids)[p]);
-    if (found == index_of.end()) return Bad("panorama " + (*ids)[p] + " is not in graph.h5");
+    const auto found = index_of_panorama_.find((*ids)[p]);
+    if (found == index_of_panorama_.end())
+      return Bad("panorama " + (*ids)[p] + " is not in graph.h5");
     if (slices_[found->second * per_panorama].tile != ~0U)
       return Bad("panorama " + (*ids)[p] + " is in two tiles");
     panorama_of_slot.push_back(found->second);

@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "common/geometry/rigid3.h"
@@ -94,6 +95,7 @@ class MapBundle {
   MapFrame frame_;
   Vocabulary vocabulary_;
   std::vector<MapPanorama> panoramas_;
+  std::unordered_map<std::string, std::uint32_t> index_of_panorama_;  // by id
   std::vector<MapView> views_;
   std::vector<BagOfWords> bags_;
   std::vector<Tile> tiles_;

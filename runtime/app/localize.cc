@@ -1,9 +1,8 @@
 #include "runtime/app/localize.h"
 
-#include <sys/resource.h>
-
 #include "common/base/cancel.h"
 #include "common/base/log.h"
+#include "common/base/memory.h"
 #include "common/base/progress.h"
 #include "common/drive/drive.h"
 #include "common/io/atomic_file.h"
@@ -25,12 +24,6 @@ FrameResult LocalizeFile(Localizer* localizer, const DriveFrame& frame) {
     return localizer->Undecodable(frame.timestamp_ns);
   }
   return localizer->Localize(frame.timestamp_ns, *image);
-}
-
-std::uint64_t PeakMemoryBytes() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
 }
 
 }  // namespace

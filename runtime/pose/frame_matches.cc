@@ -31,8 +31,8 @@ double KeypointSigma_px(float size_px) {
 }
 
 Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx,
-                            std::size_t feature_idx, const Rigid3& local_from_pano) {
-  const ViewFeatures features = bundle.Features(view_idx);
+                            const ViewFeatures& features, std::size_t feature_idx,
+                            const Rigid3& local_from_pano) {
   const Eigen::Vector3d point_in_pano = features.point(feature_idx);
   Correspondence c;
   c.lever_in_map = local_from_pano.rotation * point_in_pano;
@@ -66,8 +66,8 @@ ViewMatches MatchView(const FrameFeatures& frame, const Camera& camera, const Ma
   for (const FeatureMatch& m :
        MatchDescriptors(frame.sift.descriptors, features.descriptors, options)) {
     const auto q = static_cast<std::size_t>(m.query_idx);
-    Correspondence c =
-        MakeLandmark(bundle, view_idx, static_cast<std::size_t>(m.database_idx), local_from_pano);
+    Correspondence c = MakeLandmark(bundle, view_idx, features,
+                                    static_cast<std::size_t>(m.database_idx), local_from_pano);
     c.bearing_in_cam = frame.bearings[q];
     c.keypoint_sigma = KeypointSigma_px(frame.sift.keypoints[q].size_px) / camera.fx_px;
     result.correspondences.push_back(c);

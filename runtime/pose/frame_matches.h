@@ -33,10 +33,11 @@ struct FrameFeatures {
 // Error of a keypoint in pixels, 1-sigma: grows with the region's size.
 [[nodiscard]] double KeypointSigma_px(float size_px);
 
-// Feature `feature_idx` of a view as a correspondence that still lacks its bearing: the point, its
-// errors and its lever, in the local frame.
+// Feature `feature_idx` of a view's `features` as a correspondence that still lacks its bearing:
+// the point, its errors and its lever, in the local frame.
 [[nodiscard]] Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx,
-                                          std::size_t feature_idx, const Rigid3& local_from_pano);
+                                          const ViewFeatures& features, std::size_t feature_idx,
+                                          const Rigid3& local_from_pano);
 
 // Matches of one view; correspondences' panorama_idx and view_idx are the bundle's.
 struct ViewMatches {

@@ -118,7 +118,7 @@ void SearchView(const Search& search, const MapBundle& bundle, std::uint32_t vie
   ViewMatches matches;
   matches.view_idx = view_idx;
   for (std::size_t i = 0; i < features.size(); ++i) {
-    Correspondence c = MakeLandmark(bundle, view_idx, i, local_from_pano);
+    Correspondence c = MakeLandmark(bundle, view_idx, features, i, local_from_pano);
     const Eigen::Vector3d x_in_cam = search.cam_from_local * c.point_in_map;
     if (x_in_cam.z() < 0.5) continue;
     const auto px = search.camera.Project(x_in_cam);
