@@ -11,7 +11,7 @@ namespace {
 
 // The published method's numbers, for ablation rows; an option that is given wins.
 void ApplyPaperPreset(const CLI::App& command, BuildOptions* o) {
-  const auto preset = [&](const char* option, int value, int* target) {
+  const auto preset = [&](const char* option, auto value, auto* target) {
     if (command.count(option) == 0) *target = value;
   };
   preset("--views", 8, &o->num_views);
@@ -19,7 +19,15 @@ void ApplyPaperPreset(const CLI::App& command, BuildOptions* o) {
   preset("--mser-words", 2000, &o->num_mser_words);
   preset("--dist-max", 48, &o->similarity.dist_max);
   o->extract.features.equalization = Equalization::kGlobal;
-  o->extract.features.root_sift = false;
+  preset("--root-sift", false, &o->extract.features.root_sift);
+  preset("--max-sift", 2000, &o->extract.features.max_sift);
+  preset("--max-words", 0, &o->max_words);
+  preset("--station-spacing-m", 0.0, &o->stations.spacing_m);
+  preset("--merge", false, &o->landmarks.merge);
+  preset("--refine", false, &o->landmarks.refine);
+  preset("--landmarks-per-view", 0, &o->landmarks.max_per_view);
+  preset("--pack-descriptors", false, &o->pack_descriptors);
+  preset("--keep-view-images", true, &o->keep_view_images);
 }
 
 }  // namespace
@@ -58,7 +66,29 @@ Command AddBuildCommand(CLI::App* app) {
                    "lower finds more and weaker features")
       ->capture_default_str();
   command
-      ->add_option("--max-features", o->max_features, "features stored a view: the bundle's size")
+      ->add_option("--station-spacing-m", o->stations.spacing_m,
+                   "distance of the views rendered between panoramas; 0 = none")
+      ->capture_default_str();
+  command
+      ->add_option("--station-lanes-m", o->stations.lanes_m,
+                   "rows of them: metres to the right of the panoramas' track")
+      ->capture_default_str()
+      ->delimiter(',');
+  command
+      ->add_option("--landmarks-per-view", o->landmarks.max_per_view,
+                   "landmarks kept for a view: the bundle's size; 0 = all")
+      ->capture_default_str();
+  command->add_flag("--merge,!--no-merge", o->landmarks.merge,
+                    "one landmark where several views and panoramas saw one point (default on)");
+  command->add_flag("--refine,!--no-refine", o->landmarks.refine,
+                    "panorama poses and depth planes refined jointly (default on; needs --merge)");
+  command->add_flag("--root-sift,!--plain-sift", o->extract.features.root_sift,
+                    "the descriptors' kind (default RootSIFT)");
+  command->add_flag("--pack-descriptors,!--no-pack-descriptors", o->pack_descriptors,
+                    "four bits an entry of a descriptor instead of eight (default on)");
+  command->add_flag("--keep-view-images,!--no-view-images", o->keep_view_images,
+                    "keep the views' pictures, which the runtime's kVLD needs (default off)");
+  command->add_option("--max-words", o->max_words, "heaviest words kept of a view; 0 = all")
       ->capture_default_str();
   command->add_option("--sift-words", o->num_sift_words, "visual words of SIFT features")
       ->capture_default_str();

@@ -6,6 +6,8 @@
 
 #include <unistd.h>
 
+#include <algorithm>
+
 namespace panofix {
 namespace {
 
@@ -55,18 +57,21 @@ void WritePanoramaFeatures(const std::filesystem::path& path, const PanoramaFeat
       planes.insert(planes.end(), {n.x(), n.y(), n.z(), plane.d_m});
     }
     file.Write<float>("planes", planes, 4);
+    file.WriteStrings("sources", features.sources);
     for (std::size_t v = 0; v < features.views.size(); ++v) {
       const std::string group = Format("view%03zu", v);
       WriteSet(&file, group + "/sift", features.views[v].sift);
       WriteSet(&file, group + "/mser", features.views[v].mser);
       std::vector<float> points;
-      std::vector<std::uint8_t> surfaces;
+      std::vector<std::uint8_t> surfaces, sources;
       for (const SurfacePoint& p : features.views[v].points) {
         points.insert(points.end(), {p.point_in_pano.x(), p.point_in_pano.y(), p.point_in_pano.z(),
                                      p.range_sigma_m});
         surfaces.push_back(p.surface_idx);
+        sources.push_back(p.source_idx);
       }
       file.Write<std::uint8_t>(group + "/surfaces", surfaces);
+      file.Write<std::uint8_t>(group + "/sources", sources);
       file.Write<float>(group + "/points", points, 4);
     }
     file.Close();
@@ -92,6 +97,9 @@ Result<PanoramaFeatures> ReadPanoramaFeatures(const std::filesystem::path& path)
   }
   features.has_depth = *has_depth != 0;
   features.depth_fault = std::move(fault).value();
+  auto source_ids = file->ReadStrings("sources");
+  if (!source_ids.ok()) return source_ids.status();
+  features.sources = std::move(source_ids).value();
   const auto planes = file->Read<float>("planes", 4);
   if (!planes.ok()) return planes.status();
   for (std::int64_t i = 0; i < planes->rows; ++i) {
@@ -109,14 +117,22 @@ Result<PanoramaFeatures> ReadPanoramaFeatures(const std::filesystem::path& path)
     ViewFeatureSet set{std::move(sift).value(), {}, std::move(mser).value()};
     const auto surfaces = file->Read<std::uint8_t>(group + "/surfaces");
     if (!surfaces.ok()) return surfaces.status();
-    if (surfaces->rows != points->rows ||
+    const auto sources = file->Read<std::uint8_t>(group + "/sources");
+    if (!sources.ok()) return sources.status();
+    if (surfaces->rows != points->rows || sources->rows != points->rows ||
         points->rows != static_cast<std::int64_t>(set.sift.size())) {
       return Status(ErrorCode::kBadData,
                     path.string() + ": rows disagree; delete it and build again");
     }
+    const auto known = [&](std::uint8_t source) { return source < features.sources.size(); };
+    if (!std::all_of(sources->values.begin(), sources->values.end(), known)) {
+      return Status(ErrorCode::kBadData,
+                    path.string() + ": a source is not listed; delete it and build again");
+    }
     for (std::size_t i = 0; i < set.sift.size(); ++i) {
       const float* p = &points->values[4 * i];
-      set.points.push_back({Eigen::Vector3f(p[0], p[1], p[2]), p[3], surfaces->values[i]});
+      set.points.push_back(
+          {Eigen::Vector3f(p[0], p[1], p[2]), p[3], surfaces->values[i], sources->values[i]});
     }
     features.views.push_back(std::move(set));
   }

@@ -59,33 +59,6 @@ FeatureSet Unmasked(const FeatureSet& all, const GrayImage& mask) {
   return kept;
 }
 
-Result<GrayImage> ReadMask(const PanoramaRecord& record) {
-  if (record.mask.empty()) return GrayImage{};
-  auto bytes = ReadFileBytes(record.mask, kMaxMaskBytes);
-  if (!bytes.ok()) return bytes.status();
-  auto mask = DecodeGray(*bytes);
-  if (!mask.ok())
-    return Status(mask.status().code(), record.mask.string() + ": " + mask.status().message());
-  return mask;
-}
-
-std::optional<DepthMap> ReadUsableDepth(const PanoramaRecord& record, PanoramaFeatures* result) {
-  if (record.depth.empty()) return std::nullopt;
-  auto depth = DepthMap::Read(record.depth, record.depth_scale_m);
-  if (!depth.ok()) {
-    result->depth_fault = depth.status().message();
-    return std::nullopt;
-  }
-  if (depth->is_placeholder()) {
-    result->depth_fault =
-        record.depth.string() + ": a placeholder of at most 2 planes, no measurement";
-    return std::nullopt;
-  }
-  result->has_depth = true;
-  result->planes = depth->planes();
-  return std::move(depth).value();
-}
-
 }  // namespace
 
 void ExtractOptions::Check() const {
@@ -124,6 +97,30 @@ std::optional<SurfacePoint> PointOnSurface(const DepthMap& depth,
   return point;
 }
 
+Result<GrayImage> ReadMask(const PanoramaRecord& record) {
+  if (record.mask.empty()) return GrayImage{};
+  auto bytes = ReadFileBytes(record.mask, kMaxMaskBytes);
+  if (!bytes.ok()) return bytes.status();
+  auto mask = DecodeGray(*bytes);
+  if (!mask.ok())
+    return Status(mask.status().code(), record.mask.string() + ": " + mask.status().message());
+  return mask;
+}
+
+std::optional<DepthMap> ReadUsableDepth(const PanoramaRecord& record, std::string* fault) {
+  if (record.depth.empty()) return std::nullopt;
+  auto depth = DepthMap::Read(record.depth, record.depth_scale_m);
+  if (!depth.ok()) {
+    *fault = depth.status().message();
+    return std::nullopt;
+  }
+  if (depth->is_placeholder()) {
+    *fault = record.depth.string() + ": a placeholder of at most 2 planes, no measurement";
+    return std::nullopt;
+  }
+  return std::move(depth).value();
+}
+
 Result<PanoramaFeatures> ExtractPanorama(const PanoramaRecord& record, const Rectifier& rectifier,
                                          const ExtractOptions& options) {
   Status status = CheckPanoramaFiles(record);
@@ -134,7 +131,10 @@ Result<PanoramaFeatures> ExtractPanorama(const PanoramaRecord& record, const Rec
   if (!mask.ok()) return mask.status();
 
   PanoramaFeatures result;
-  const std::optional<DepthMap> depth = ReadUsableDepth(record, &result);
+  result.sources = {record.id};
+  const std::optional<DepthMap> depth = ReadUsableDepth(record, &result.depth_fault);
+  result.has_depth = depth.has_value();
+  if (depth) result.planes = depth->planes();
   for (int v = 0; v < static_cast<int>(rectifier.directions().size()); ++v) {
     const GrayImage view = Preprocess(rectifier.Cut(*image, v), options.features);
     const GrayImage view_mask = mask->empty() ? GrayImage{} : rectifier.CutMask(*mask, v);

@@ -16,9 +16,10 @@ namespace panofix {
 
 // A surface point seen at a keypoint.
 struct SurfacePoint {
-  Eigen::Vector3f point_in_pano = Eigen::Vector3f::Zero();  // metres
+  Eigen::Vector3f point_in_pano = Eigen::Vector3f::Zero();  // metres, in the source's frame
   float range_sigma_m = 0;  // 1-sigma error along the panorama's ray; 0 = no surface here, no point
   std::uint8_t surface_idx = 0;  // plane of the depth map; 0 = a raster's
+  std::uint8_t source_idx = 0;   // whose image and depth it is: into the sources
 };
 
 struct ViewFeatureSet {
@@ -28,10 +29,11 @@ struct ViewFeatureSet {
 };
 
 struct PanoramaFeatures {
+  std::vector<std::string> sources;  // ids of the panoramas that points refer to; itself first
   bool has_depth = false;
   std::vector<DepthPlane> planes;     // by surface index; empty for a raster
   std::string depth_fault;            // why not, where a depth file is given but unusable
-  std::vector<ViewFeatureSet> views;  // one a direction of the rectifier
+  std::vector<ViewFeatureSet> views;  // one a direction of the rectifier, station by station
 };
 
 struct ExtractOptions {
@@ -49,6 +51,12 @@ struct ExtractOptions {
 [[nodiscard]] std::optional<SurfacePoint> PointOnSurface(const DepthMap& depth,
                                                          const Eigen::Vector3d& ray_in_pano,
                                                          const ExtractOptions& options);
+
+// What extraction needs of a panorama's files beside its image. `fault` says why a stated depth is
+// unusable; the mask is empty where none is stated.
+[[nodiscard]] Result<GrayImage> ReadMask(const PanoramaRecord& record);
+[[nodiscard]] std::optional<DepthMap> ReadUsableDepth(const PanoramaRecord& record,
+                                                      std::string* fault);
 
 // Decodes, cuts, equalises and describes one panorama. Fails (to be set aside) on an unreadable
 // image or one that is not 2:1; an unusable depth file leaves a panorama without points.

@@ -7,14 +7,18 @@
 #include <stdexcept>
 #include <thread>
 
+#include "builder/pipeline/augment_stage.h"
 #include "builder/pipeline/extract_stage.h"
+#include "builder/pipeline/landmark_stage.h"
 #include "builder/pipeline/placement.h"
+#include "builder/pipeline/view_images.h"
 #include "builder/pipeline/vocabulary_stage.h"
 #include "builder/publish/bundle_writer.h"
 #include "builder/tiling/quadkey.h"
 #include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/base/memory.h"
+#include "common/base/progress.h"
 #include "common/io/atomic_file.h"
 #include "common/io/sha256.h"
 
@@ -53,24 +57,6 @@ void StopIfCancelled() {
   }
 }
 
-// The strongest features with a point, as they go on the map.
-BundleView ToBundleView(const ViewFeatureSet& view, int max_features) {
-  BundleView out;
-  for (std::size_t i = 0; i < view.sift.size(); ++i) {
-    if (view.points[i].range_sigma_m <= 0) continue;
-    if (out.keypoints.size() / 4 == static_cast<std::size_t>(max_features)) break;
-    const Keypoint& k = view.sift.keypoints[i];
-    const SurfacePoint& p = view.points[i];
-    out.keypoints.insert(out.keypoints.end(), {k.x_px, k.y_px, k.size_px, k.angle_deg});
-    out.points.insert(out.points.end(), {p.point_in_pano.x(), p.point_in_pano.y(),
-                                         p.point_in_pano.z(), p.range_sigma_m});
-    out.surfaces.push_back(p.surface_idx);
-    const auto descriptor = view.sift.descriptor(i);
-    out.descriptors.insert(out.descriptors.end(), descriptor.begin(), descriptor.end());
-  }
-  return out;
-}
-
 // All contents that a build's result depends on, as one hash: in bundle order, each panorama's
 // extraction key, pose and links.
 std::string DataSetHash(const std::vector<ExtractedPanorama>& panoramas) {
@@ -105,6 +91,7 @@ class BuildRun {
  public:
   explicit BuildRun(const BuildOptions& options)
       : options_(options),
+        work_(options.work.empty() ? fs::path(options.out.string() + ".work") : options.work),
         camera_(ValueOrThrow(ReadCameraYaml(options.camera))),
         rectifier_(camera_.WithoutDistortion(),
                    RingOfViews(options.num_views, options.view_pitch_deg)) {}
@@ -113,6 +100,7 @@ class BuildRun {
     Ingest();
     Extract();
     Place();
+    Augment();
     StopIfCancelled();
     Train();
     StopIfCancelled();
@@ -131,9 +119,8 @@ class BuildRun {
 
   void Extract() {
     StageTimer timer(&report_, "extract", "panoramas");
-    const fs::path work =
-        options_.work.empty() ? fs::path(options_.out.string() + ".work") : options_.work;
-    ExtractStageResult extracted = ExtractStage(set_.panoramas, rectifier_, options_.extract, work);
+    ExtractStageResult extracted =
+        ExtractStage(set_.panoramas, rectifier_, options_.extract, work_);
     timer.Done(set_.panoramas.size(), extracted.num_reused);
     report_.set_aside.insert(report_.set_aside.end(), extracted.set_aside.begin(),
                              extracted.set_aside.end());
@@ -182,30 +169,67 @@ class BuildRun {
     content_.directions = rectifier_.directions();
   }
 
+  void Augment() {
+    StageTimer timer(&report_, "augment", "panoramas");
+    StationExtractOptions options;
+    options.extract = options_.extract;
+    options.render = options_.render;
+    augmented_ = AugmentStage(panoramas_, rectifier_, options_.stations, options, work_);
+    for (std::uint32_t p = 0; p < panoramas_.size(); ++p) {
+      first_view_.push_back(static_cast<std::uint32_t>(content_.stations.size()) *
+                            static_cast<std::uint32_t>(content_.directions.size()));
+      for (const Station& station : augmented_.stations[p])
+        content_.stations.push_back({p, station.position_in_pano});
+    }
+    timer.Done(panoramas_.size(), augmented_.num_reused);
+  }
+
+  [[nodiscard]] PanoramaFeatures Native(std::size_t p) const {
+    return ValueOrThrow(ReadPanoramaFeatures(panoramas_[p].features_file));
+  }
+  [[nodiscard]] PanoramaFeatures Rendered(std::size_t p) const {
+    if (augmented_.files[p].empty()) return {};
+    return ValueOrThrow(ReadPanoramaFeatures(augmented_.files[p]));
+  }
+
   void Train() {
     StageTimer timer(&report_, "train", "words");
-    content_.vocabulary = TrainVocabulary(
-        panoramas_, {options_.num_sift_words, options_.num_mser_words, options_.seed});
-    bags_ = MakeBags(panoramas_, content_.directions.size(), &content_.vocabulary);
+    content_.vocabulary =
+        TrainVocabulary(panoramas_, {options_.num_sift_words, options_.num_mser_words,
+                                     options_.seed, options_.pack_descriptors});
+    bags_ = MakeBags(
+        panoramas_.size(),
+        [this](std::size_t p) {
+          return std::vector<PanoramaFeatures>{Native(p), Rendered(p)};
+        },
+        options_.max_words, &content_.vocabulary);
     timer.Done(content_.vocabulary.num_words());
   }
 
+  // D_DB x r between the panoramas' own views; the stations beside them show the same.
   void IndexSimilarity() {
     StageTimer timer(&report_, "similarity", "views");
+    const std::size_t per_station = content_.directions.size();
     std::vector<std::vector<std::uint32_t>> links;
     std::vector<std::array<double, 3>> positions;
     std::vector<std::uint32_t> panorama_of_view;
+    std::vector<BagOfWords> bags;
     for (std::uint32_t p = 0; p < content_.panoramas.size(); ++p) {
       links.push_back(content_.panoramas[p].links);
       const Eigen::Vector3d& t = content_.panoramas[p].map_from_pano.translation;
       positions.push_back({t.x(), t.y(), t.z()});
-      panorama_of_view.insert(panorama_of_view.end(), content_.directions.size(), p);
+      panorama_of_view.insert(panorama_of_view.end(), per_station, p);
+      const auto first = bags_.begin() + static_cast<std::ptrdiff_t>(first_view_[p]);
+      bags.insert(bags.end(), first, first + static_cast<std::ptrdiff_t>(per_station));
     }
     content_.similarity = BuildSimilarityIndex(
-        bags_, panorama_of_view,
+        bags, panorama_of_view,
         AppearanceNeighbourhoods(links, positions, options_.num_views, options_.similarity),
         options_.similarity);
-    timer.Done(bags_.size());
+    for (std::uint32_t& view : content_.similarity.views) {
+      view = first_view_[view / per_station] + static_cast<std::uint32_t>(view % per_station);
+    }
+    timer.Done(bags.size());
   }
 
   void FillManifest() {
@@ -223,30 +247,42 @@ class BuildRun {
     manifest.num_set_aside = static_cast<std::int64_t>(report_.set_aside.size());
   }
 
-  [[nodiscard]] BundlePanorama FeaturesOf(std::size_t p) const {
-    const PanoramaFeatures features =
-        ValueOrThrow(ReadPanoramaFeatures(panoramas_[p].features_file));
-    BundlePanorama panorama;
-    for (const DepthPlane& plane : features.planes) {
-      const Eigen::Vector3f& n = plane.normal_in_pano;
-      panorama.planes.insert(panorama.planes.end(), {n.x(), n.y(), n.z(), plane.d_m});
+  BundleTile MakeTile(std::size_t begin, std::size_t end, std::vector<MapPanorama>* panoramas) {
+    const LandmarkStageInput input{[this](std::size_t p) { return Native(p); },
+                                   [this](std::size_t p) { return Rendered(p); },
+                                   content_,
+                                   options_.extract.errors,
+                                   rectifier_.camera(),
+                                   options_.landmarks};
+    BundleTile tile = MakeLandmarkTile(input, begin, end, panoramas, &report_.refined);
+    const std::size_t last = end < panoramas_.size() ? first_view_[end] : bags_.size();
+    if (options_.keep_view_images) {
+      tile.view_images = EncodeViewImages(std::span(panoramas_).subspan(begin, end - begin),
+                                          rectifier_, options_.extract.features);
     }
-    for (std::size_t v = 0; v < features.views.size(); ++v) {
-      panorama.views.push_back(ToBundleView(features.views[v], options_.max_features));
-      panorama.views.back().bag = bags_[p * content_.directions.size() + v];
-    }
-    return panorama;
+    tile.bags.assign(bags_.begin() + static_cast<std::ptrdiff_t>(first_view_[begin]),
+                     bags_.begin() + static_cast<std::ptrdiff_t>(last));
+    return tile;
   }
 
   void Publish() {
-    StageTimer timer(&report_, "publish", "files");
+    StageTimer timer(&report_, "landmarks", "landmarks");
     FillManifest();
+    content_.pack_descriptors = options_.pack_descriptors;
+    Progress progress("landmarks", static_cast<std::int64_t>(panoramas_.size()), "panoramas");
     const Manifest written =
-        WriteBundle(options_.out, content_, [this](std::size_t p) { return FeaturesOf(p); });
-    timer.Done(written.parts.size() + 2);  // the manifest and its hash
+        WriteBundle(options_.out, content_,
+                    [&](std::size_t begin, std::size_t end, std::vector<MapPanorama>* panoramas) {
+                      BundleTile tile = MakeTile(begin, end, panoramas);
+                      for (std::size_t p = begin; p < end; ++p) progress.Add();
+                      return tile;
+                    });
+    progress.Finish();
+    timer.Done(static_cast<std::size_t>(written.num_landmarks));
     report_.num_panoramas = written.num_panoramas;
+    report_.num_stations = written.num_stations;
     report_.num_views = written.num_views;
-    report_.num_features = written.num_features;
+    report_.num_landmarks = written.num_landmarks;
     const std::string text = ToJson(written);
     report_.bundle_id = Sha256Hex(text);
     report_.bundle_bytes = text.size();
@@ -256,13 +292,16 @@ class BuildRun {
   }
 
   const BuildOptions& options_;
+  const fs::path work_;
   const Camera camera_;
   const Rectifier rectifier_;
   RunReport report_;
   PanoramaSet set_;
   std::vector<ExtractedPanorama> panoramas_;  // usable ones, in bundle order
   BundleContent content_;
-  std::vector<BagOfWords> bags_;  // one a view
+  AugmentStageResult augmented_;
+  std::vector<std::uint32_t> first_view_;  // of each panorama
+  std::vector<BagOfWords> bags_;           // one a view
 };
 
 }  // namespace
@@ -277,13 +316,16 @@ void BuildOptions::Check() const {
           Format("view_pitch_deg = %g; must lie in (-80, 80)", view_pitch_deg));
   require(num_sift_words >= 2, Format("num_sift_words = %d; must be at least 2", num_sift_words));
   require(num_mser_words >= 2, Format("num_mser_words = %d; must be at least 2", num_mser_words));
-  require(max_features >= 1, Format("max_features = %d; must be at least 1", max_features));
+  require(max_words >= 0, Format("max_words = %d; must not be negative", max_words));
   require(build >= 0, "build must not be negative");
   require(max_set_aside_share >= 0 && max_set_aside_share <= 1,
           Format("max_set_aside_share = %g; must lie in [0, 1]", max_set_aside_share));
   require(num_threads >= 0, Format("num_threads = %d; must not be negative", num_threads));
   extract.Check();
   similarity.Check();
+  stations.Check();
+  render.Check();
+  landmarks.Check();
 }
 
 RunReport Build(const BuildOptions& options) {

@@ -4,7 +4,8 @@
 #include <filesystem>
 #include <string>
 
-#include "builder/extract/panorama_features.h"
+#include "builder/extract/station_features.h"
+#include "builder/landmarks/landmark_layer.h"
 #include "builder/pipeline/run_report.h"
 #include "builder/similarity/similarity_index.h"
 #include "common/map/manifest.h"
@@ -25,7 +26,12 @@ struct BuildOptions {
   ExtractOptions extract;
   int num_sift_words = 5000;  // vocabulary sizes (paper: 5000 + 2000)
   int num_mser_words = 2000;
-  int max_features = 1500;  // strongest with a point stored a view: the bundle's size
+  int max_words = 150;      // heaviest kept of a view's bag; 0 = all
+  StationOptions stations;  // virtual ones, along the links
+  RenderOptions render;     // of their views
+  LandmarkOptions landmarks;
+  bool pack_descriptors = true;   // four bits an entry instead of eight
+  bool keep_view_images = false;  // for kVLD at run time; about 0.2 MB a view
   SimilarityOptions similarity;
   double max_set_aside_share = 0.5;  // more bad panoramas than this fail the build
   int num_threads = 0;               // 0 = all cores

@@ -7,6 +7,7 @@
 #include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/base/progress.h"
+#include "common/io/atomic_file.h"
 #include "common/io/sha256.h"
 
 namespace panofix {
@@ -16,7 +17,7 @@ namespace fs = std::filesystem;
 
 // Raised whenever extraction gives other features for the same input: old work files are then
 // ignored.
-constexpr int kExtractVersion = 2;
+constexpr int kExtractVersion = 3;
 
 struct Outcome {
   ExtractedPanorama panorama;
@@ -95,12 +96,7 @@ ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records,
                                 const Rectifier& rectifier, const ExtractOptions& options,
                                 const fs::path& work) {
   const fs::path folder = work / "features";
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) {
-    throw Error(ErrorCode::kIo, folder.string() + ": cannot be made (" + error.message() +
-                                    "); choose a --work folder you may write to");
-  }
+  ThrowIfError(MakeDirectories(folder, "--work"));
   std::vector<Outcome> outcomes(records.size());
   Progress progress("extract", static_cast<std::int64_t>(records.size()), "panoramas");
   tbb::parallel_for(

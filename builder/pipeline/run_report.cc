@@ -1,5 +1,6 @@
 #include "builder/pipeline/run_report.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "common/base/log.h"
@@ -27,14 +28,55 @@ nlohmann::ordered_json ListJson(const std::vector<SetAside>& entries) {
   return list;
 }
 
+nlohmann::ordered_json RefinedJson(const std::vector<RefinementReport>& refined) {
+  auto list = nlohmann::ordered_json::array();
+  for (const RefinementReport& r : refined) {
+    list.push_back({{"id", r.id},
+                    {"shift_m", r.shift_m},
+                    {"turn_deg", r.turn_deg},
+                    {"residual_before_px", r.residual_before_px},
+                    {"residual_after_px", r.residual_after_px},
+                    {"num_tracks", r.num_tracks},
+                    {"is_flagged", r.is_flagged}});
+  }
+  return list;
+}
+
+// One line: what happened to the panoramas' poses, and who is flagged.
+std::string RefinedText(const std::vector<RefinementReport>& refined) {
+  std::vector<double> shifts_m, before_px, after_px;
+  std::string flagged;
+  for (const RefinementReport& r : refined) {
+    if (r.is_flagged) flagged += (flagged.empty() ? "" : ", ") + r.id;
+    if (r.num_tracks == 0) continue;
+    shifts_m.push_back(r.shift_m);
+    before_px.push_back(r.residual_before_px);
+    after_px.push_back(r.residual_after_px);
+  }
+  if (shifts_m.empty()) return "";
+  const auto median = [](std::vector<double>& values) {
+    std::nth_element(values.begin(),
+                     values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+    return values[values.size() / 2];
+  };
+  const double largest_m = *std::max_element(shifts_m.begin(), shifts_m.end());
+  std::string text = Format(
+      "poses: shifted by %.3f m (median), %.3f m at most; tracks' residuals %.2f px before, "
+      "%.2f px after\n",
+      median(shifts_m), largest_m, median(before_px), median(after_px));
+  if (!flagged.empty()) text += "geotags that do not suit their neighbours: " + flagged + "\n";
+  return text;
+}
+
 }  // namespace
 
 std::string RunReport::ToJson() const {
   nlohmann::ordered_json j;
   j["bundle_id"] = bundle_id;
   j["num_panoramas"] = num_panoramas;
+  j["num_stations"] = num_stations;
   j["num_views"] = num_views;
-  j["num_features"] = num_features;
+  j["num_landmarks"] = num_landmarks;
   j["bundle_bytes"] = bundle_bytes;
   j["peak_memory_bytes"] = peak_memory_bytes;
   j["stages"] = nlohmann::ordered_json::array();
@@ -45,6 +87,7 @@ std::string RunReport::ToJson() const {
                            {"num_reused", s.num_reused},
                            {"unit", s.unit}});
   }
+  j["refined"] = RefinedJson(refined);
   j["set_aside"] = ListJson(set_aside);
   j["without_depth"] = ListJson(without_depth);
   return j.dump(1) + "\n";
@@ -57,10 +100,12 @@ std::string RunReport::ToTable() const {
                    static_cast<long>(s.num_items - s.num_reused), static_cast<long>(s.num_reused),
                    s.unit.c_str());
   }
-  text += Format("map: %ld panoramas, %ld views, %ld features, %.1f MB; peak memory %.0f MB\n",
-                 static_cast<long>(num_panoramas), static_cast<long>(num_views),
-                 static_cast<long>(num_features), static_cast<double>(bundle_bytes) / 1e6,
-                 static_cast<double>(peak_memory_bytes) / 1e6);
+  text += Format(
+      "map: %ld panoramas, %ld stations, %ld views, %ld landmarks, %.1f MB; peak memory %.0f MB\n",
+      static_cast<long>(num_panoramas), static_cast<long>(num_stations),
+      static_cast<long>(num_views), static_cast<long>(num_landmarks),
+      static_cast<double>(bundle_bytes) / 1e6, static_cast<double>(peak_memory_bytes) / 1e6);
+  text += RefinedText(refined);
   List("set aside", set_aside, &text);
   List("without depth (they serve retrieval only)", without_depth, &text);
   return text;

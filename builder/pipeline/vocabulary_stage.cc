@@ -3,10 +3,12 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "builder/train/tree_trainer.h"
 #include "common/base/progress.h"
 #include "common/base/rng.h"
+#include "common/map/landmark_codes.h"
 
 namespace panofix {
 namespace {
@@ -52,6 +54,33 @@ TrainingSample Sample(const std::vector<ExtractedPanorama>& panoramas,
   return sample;
 }
 
+// Words must not depend on whether the tree was written and read.
+void RoundToPacked(VocabularyTree* tree) {
+  std::uint8_t packed[kPackedDescriptorSize];
+  for (std::size_t i = 0; i < tree->centroids.size(); i += kDescriptorSize) {
+    std::uint8_t* centroid = &tree->centroids[i];
+    PackDescriptor(std::span<const std::uint8_t, kDescriptorSize>(centroid, kDescriptorSize),
+                   packed);
+    UnpackDescriptor(packed, centroid);
+  }
+}
+
+// Of unit length again; equal weights by word.
+BagOfWords KeepHeaviest(BagOfWords bag, int max_words) {
+  const auto keep = static_cast<std::size_t>(max_words);
+  if (max_words == 0 || bag.size() <= keep) return bag;
+  std::sort(bag.begin(), bag.end(), [](const WeightedWord& a, const WeightedWord& b) {
+    return a.weight > b.weight || (a.weight == b.weight && a.word < b.word);
+  });
+  bag.resize(keep);
+  std::sort(bag.begin(), bag.end(),
+            [](const WeightedWord& a, const WeightedWord& b) { return a.word < b.word; });
+  double sum_sq = 0;
+  for (const WeightedWord& w : bag) sum_sq += double{w.weight} * double{w.weight};
+  for (WeightedWord& w : bag) w.weight /= static_cast<float>(std::sqrt(sum_sq));
+  return bag;
+}
+
 }  // namespace
 
 Vocabulary TrainVocabulary(const std::vector<ExtractedPanorama>& panoramas,
@@ -64,6 +93,10 @@ Vocabulary TrainVocabulary(const std::vector<ExtractedPanorama>& panoramas,
   vocabulary.sift = TrainTree(sample.sift, tree, "train/sift");
   tree.num_words = options.num_mser_words;
   vocabulary.mser = TrainTree(sample.mser, tree, "train/mser");
+  if (options.pack) {
+    RoundToPacked(&vocabulary.sift);
+    RoundToPacked(&vocabulary.mser);
+  }
   if (vocabulary.sift.empty()) {
     throw Error(
         ErrorCode::kBadData,
@@ -72,27 +105,39 @@ Vocabulary TrainVocabulary(const std::vector<ExtractedPanorama>& panoramas,
   return vocabulary;
 }
 
-std::vector<BagOfWords> MakeBags(const std::vector<ExtractedPanorama>& panoramas,
-                                 std::size_t views_each, Vocabulary* vocabulary) {
-  std::vector<std::vector<std::uint32_t>> sift(panoramas.size() * views_each), mser(sift.size());
-  Progress progress("words", static_cast<std::int64_t>(panoramas.size()), "panoramas");
-  tbb::parallel_for(std::size_t{0}, panoramas.size(), [&](std::size_t p) {
-    const PanoramaFeatures features =
-        ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
-    for (std::size_t v = 0; v < views_each; ++v) {
-      sift[p * views_each + v] = vocabulary->SiftWords(features.views[v].sift);
-      mser[p * views_each + v] = vocabulary->MserWords(features.views[v].mser);
+std::vector<BagOfWords> MakeBags(
+    std::size_t num_panoramas,
+    const std::function<std::vector<PanoramaFeatures>(std::size_t)>& features_of, int max_words,
+    Vocabulary* vocabulary) {
+  struct ViewWords {
+    std::vector<std::uint32_t> sift, mser;
+  };
+  std::vector<std::vector<ViewWords>> by_panorama(num_panoramas);
+  Progress progress("words", static_cast<std::int64_t>(num_panoramas), "panoramas");
+  tbb::parallel_for(std::size_t{0}, num_panoramas, [&](std::size_t p) {
+    for (const PanoramaFeatures& features : features_of(p)) {
+      for (const ViewFeatureSet& view : features.views) {
+        by_panorama[p].push_back(
+            {vocabulary->SiftWords(view.sift), vocabulary->MserWords(view.mser)});
+      }
     }
     progress.Add();
   });
   progress.Finish();
-  std::vector<std::vector<std::uint32_t>> all = sift;
-  for (std::size_t i = 0; i < all.size(); ++i)
-    all[i].insert(all[i].end(), mser[i].begin(), mser[i].end());
+  std::vector<ViewWords> words;
+  std::vector<std::vector<std::uint32_t>> all;
+  for (std::vector<ViewWords>& views : by_panorama) {
+    for (ViewWords& view : views) {
+      all.push_back(view.sift);
+      all.back().insert(all.back().end(), view.mser.begin(), view.mser.end());
+      words.push_back(std::move(view));
+    }
+  }
   vocabulary->idf = InverseDocumentFrequency(all, vocabulary->num_words());
-  std::vector<BagOfWords> bags(sift.size());
-  tbb::parallel_for(std::size_t{0}, bags.size(),
-                    [&](std::size_t i) { bags[i] = vocabulary->Bag(sift[i], mser[i]); });
+  std::vector<BagOfWords> bags(words.size());
+  tbb::parallel_for(std::size_t{0}, bags.size(), [&](std::size_t i) {
+    bags[i] = KeepHeaviest(vocabulary->Bag(words[i].sift, words[i].mser), max_words);
+  });
   return bags;
 }
 

@@ -3,12 +3,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
+#include <stdexcept>
 
 #include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/io/atomic_file.h"
 #include "common/io/hdf5_file.h"
 #include "common/io/sha256.h"
+#include "common/map/landmark_codes.h"
 
 namespace panofix {
 namespace {
@@ -43,17 +46,28 @@ class Staging {
   fs::path path_;
 };
 
-void WriteTree(Hdf5Writer* file, const std::string& group, const VocabularyTree& tree) {
-  file->Write<std::uint8_t>(group + "/centroids", tree.centroids, kDescriptorSize);
+void WriteTree(Hdf5Writer* file, const std::string& group, const VocabularyTree& tree, bool pack) {
+  if (pack) {
+    const std::size_t nodes = tree.centroids.size() / kDescriptorSize;
+    std::vector<std::uint8_t> packed(nodes * kPackedDescriptorSize);
+    for (std::size_t i = 0; i < nodes; ++i) {
+      PackDescriptor(std::span<const std::uint8_t, kDescriptorSize>(
+                         &tree.centroids[i * kDescriptorSize], kDescriptorSize),
+                     &packed[i * kPackedDescriptorSize]);
+    }
+    file->Write<std::uint8_t>(group + "/centroids", packed, kPackedDescriptorSize);
+  } else {
+    file->Write<std::uint8_t>(group + "/centroids", tree.centroids, kDescriptorSize);
+  }
   file->Write<std::uint32_t>(group + "/first_child", tree.first_child);
   file->Write<std::uint32_t>(group + "/num_children", tree.num_children);
   file->Write<std::uint32_t>(group + "/word", tree.word);
 }
 
-void WriteVocabulary(const fs::path& path, const Vocabulary& vocabulary) {
+void WriteVocabulary(const fs::path& path, const Vocabulary& vocabulary, bool pack) {
   Hdf5Writer file(path);
-  WriteTree(&file, "sift", vocabulary.sift);
-  WriteTree(&file, "mser", vocabulary.mser);
+  WriteTree(&file, "sift", vocabulary.sift, pack);
+  WriteTree(&file, "mser", vocabulary.mser, pack);
   file.Write<float>("idf", vocabulary.idf);
   file.Close();
 }
@@ -61,7 +75,7 @@ void WriteVocabulary(const fs::path& path, const Vocabulary& vocabulary) {
 void WriteGraph(const fs::path& path, const BundleContent& content) {
   std::vector<std::string> ids;
   std::vector<double> geodetic, position, rotation, scale, directions;
-  std::vector<std::uint8_t> has_depth;
+  std::vector<std::uint8_t> has_depth, is_flagged;
   std::vector<std::uint32_t> link_offsets{0}, links;
   for (const MapPanorama& p : content.panoramas) {
     ids.push_back(p.id);
@@ -72,8 +86,16 @@ void WriteGraph(const fs::path& path, const BundleContent& content) {
     rotation.insert(rotation.end(), {q.x(), q.y(), q.z(), q.w()});
     scale.push_back(p.point_scale);
     has_depth.push_back(p.has_depth ? 1 : 0);
+    is_flagged.push_back(p.is_flagged ? 1 : 0);
     links.insert(links.end(), p.links.begin(), p.links.end());
     link_offsets.push_back(static_cast<std::uint32_t>(links.size()));
+  }
+  std::vector<std::uint32_t> owners;
+  std::vector<float> station_positions;
+  for (const MapStation& station : content.stations) {
+    owners.push_back(station.panorama_idx);
+    const Eigen::Vector3f at = station.position_in_pano.cast<float>();
+    station_positions.insert(station_positions.end(), {at.x(), at.y(), at.z()});
   }
   for (const ViewDirection& d : content.directions)
     directions.insert(directions.end(), {d.yaw_deg, d.pitch_deg});
@@ -84,8 +106,11 @@ void WriteGraph(const fs::path& path, const BundleContent& content) {
   file.Write<double>("panoramas/map_from_pano", rotation, 4);
   file.Write<double>("panoramas/point_scale", scale);
   file.Write<std::uint8_t>("panoramas/has_depth", has_depth);
+  file.Write<std::uint8_t>("panoramas/is_flagged", is_flagged);
   file.Write<std::uint32_t>("panoramas/link_offsets", link_offsets);
   file.Write<std::uint32_t>("panoramas/links", links);
+  file.Write<std::uint32_t>("stations/panorama", owners);
+  file.Write<float>("stations/position_in_pano", station_positions, 3);
   file.Write<double>("views/direction_deg", directions, 2);
   file.Write<std::uint32_t>("similarity/offsets", content.similarity.offsets);
   file.Write<std::uint32_t>("similarity/views", content.similarity.views);
@@ -93,45 +118,123 @@ void WriteGraph(const fs::path& path, const BundleContent& content) {
   file.Close();
 }
 
-// Panoramas [begin, end) share a tile. Returns its number of features.
-std::int64_t WriteTile(const fs::path& path, const BundleContent& content, std::size_t begin,
-                       std::size_t end, const FeaturesOfPanorama& features_of_panorama) {
-  std::vector<std::string> ids;
-  std::vector<std::uint32_t> view_offsets{0}, plane_offsets{0}, bag_offsets{0}, words;
-  std::vector<float> planes, keypoints, points, weights;
-  std::vector<std::uint8_t> surfaces, descriptors;
-  for (std::size_t p = begin; p < end; ++p) {
-    ids.push_back(content.panoramas[p].id);
-    const BundlePanorama panorama = features_of_panorama(p);
-    planes.insert(planes.end(), panorama.planes.begin(), panorama.planes.end());
-    plane_offsets.push_back(static_cast<std::uint32_t>(planes.size() / 4));
-    for (const BundleView& view : panorama.views) {
-      surfaces.insert(surfaces.end(), view.surfaces.begin(), view.surfaces.end());
-      keypoints.insert(keypoints.end(), view.keypoints.begin(), view.keypoints.end());
-      points.insert(points.end(), view.points.begin(), view.points.end());
-      descriptors.insert(descriptors.end(), view.descriptors.begin(), view.descriptors.end());
-      view_offsets.push_back(static_cast<std::uint32_t>(keypoints.size() / 4));
-      for (const WeightedWord& entry : view.bag) {
-        words.push_back(entry.word);
-        weights.push_back(entry.weight);
-      }
-      bag_offsets.push_back(static_cast<std::uint32_t>(words.size()));
+// Landmarks as columns, with those of each view.
+void WriteLandmarks(Hdf5Writer* file, const BundleTile& tile, std::size_t first_view,
+                    bool pack_descriptors) {
+  std::vector<float> points;
+  std::vector<std::uint8_t> codes, descriptors;
+  std::vector<std::vector<std::uint32_t>> of_view(tile.bags.size());
+  for (std::uint32_t i = 0; i < tile.landmarks.size(); ++i) {
+    const Landmark& landmark = tile.landmarks[i];
+    const Eigen::Vector3f& at = landmark.point_in_pano;
+    points.insert(points.end(), {at.x(), at.y(), at.z()});
+    codes.insert(
+        codes.end(),
+        {EncodeLength(double{landmark.range_sigma_m}), EncodeLength(double{landmark.point_sigma_m}),
+         EncodeLength(double{landmark.size_m}), EncodeAngle(double{landmark.angle_deg}),
+         landmark.surface_idx, landmark.num_panoramas});
+    const std::size_t begin = descriptors.size();
+    if (pack_descriptors) {
+      descriptors.resize(begin + kPackedDescriptorSize);
+      PackDescriptor(landmark.descriptor, &descriptors[begin]);
+    } else {
+      descriptors.insert(descriptors.end(), landmark.descriptor.begin(), landmark.descriptor.end());
     }
+    for (const std::uint32_t view : landmark.views) of_view.at(view - first_view).push_back(i);
   }
+  std::vector<std::uint32_t> offsets{0}, numbers;
+  for (const auto& view : of_view) {
+    numbers.insert(numbers.end(), view.begin(), view.end());
+    offsets.push_back(static_cast<std::uint32_t>(numbers.size()));
+  }
+  file->Write<float>("landmarks/points_in_pano", points, 3);
+  file->Write<std::uint8_t>("landmarks/codes", codes, 6);
+  file->Write<std::uint8_t>("landmarks/descriptors", descriptors,
+                            pack_descriptors ? kPackedDescriptorSize : kDescriptorSize);
+  file->Write<std::uint32_t>("views/landmark_offsets", offsets);
+  file->Write<std::uint32_t>("views/landmarks", numbers);
+}
+
+void WriteAnchors(Hdf5Writer* file, const BundleTile& tile, const BundleContent& content) {
+  std::vector<std::string> ids;
+  std::vector<std::uint32_t> landmark_offsets{0}, plane_offsets{0};
+  std::vector<float> planes;
+  std::size_t next = 0;
+  for (const BundleTile::Anchor& anchor : tile.anchors) {
+    ids.push_back(content.panoramas[anchor.panorama_idx].id);
+    while (next < tile.landmarks.size() && tile.landmarks[next].panorama == anchor.panorama_idx)
+      ++next;
+    landmark_offsets.push_back(static_cast<std::uint32_t>(next));
+    for (std::size_t i = 0; i < anchor.planes.size(); ++i) {
+      const Eigen::Vector3f& n = anchor.planes[i].normal_in_pano;
+      planes.insert(planes.end(), {n.x(), n.y(), n.z(), anchor.planes[i].d_m,
+                                   anchor.distance_sigma_share[i], anchor.normal_sigma_rad[i]});
+    }
+    plane_offsets.push_back(static_cast<std::uint32_t>(planes.size() / 6));
+  }
+  if (next != tile.landmarks.size()) throw std::logic_error("landmarks do not follow the anchors");
+  file->WriteStrings("anchors/panorama_ids", ids);
+  file->Write<std::uint32_t>("anchors/landmark_offsets", landmark_offsets);
+  file->Write<std::uint32_t>("anchors/plane_offsets", plane_offsets);
+  file->Write<float>("anchors/planes", planes, 6);
+}
+
+void WriteBags(Hdf5Writer* file, const std::vector<BagOfWords>& bags) {
+  std::vector<std::uint32_t> offsets{0}, words;
+  std::vector<std::uint8_t> weights;
+  for (const BagOfWords& bag : bags) {
+    float largest = 0;
+    for (const WeightedWord& entry : bag) largest = std::max(largest, entry.weight);
+    for (const WeightedWord& entry : bag) {
+      words.push_back(entry.word);
+      // The length is made good again when read.
+      weights.push_back(static_cast<std::uint8_t>(
+          std::clamp(std::lround(255 * entry.weight / largest), 1L, 255L)));
+    }
+    offsets.push_back(static_cast<std::uint32_t>(words.size()));
+  }
+  file->Write<std::uint32_t>("bags/offsets", offsets);
+  file->Write<std::uint32_t>("bags/words", words);
+  file->Write<std::uint8_t>("bags/weights", weights);
+}
+
+// Panoramas [begin, end) share a tile.
+void WriteTile(const fs::path& path, const BundleContent& content, std::size_t begin,
+               std::size_t end, const BundleTile& tile) {
+  std::vector<std::string> ids;
+  for (std::size_t p = begin; p < end; ++p) ids.push_back(content.panoramas[p].id);
+  std::size_t first_view = 0;
+  while (first_view < content.stations.size() && content.stations[first_view].panorama_idx < begin)
+    ++first_view;
+  first_view *= content.directions.size();
   Hdf5Writer file(path);
   file.WriteStrings("panorama_ids", ids);
-  file.Write<std::uint32_t>("view_offsets", view_offsets);
-  file.Write<std::uint32_t>("plane_offsets", plane_offsets);
-  file.Write<float>("planes", planes, 4);
-  file.Write<std::uint8_t>("surfaces", surfaces);
-  file.Write<float>("keypoints", keypoints, 4);
-  file.Write<float>("points_in_pano", points, 4);
-  file.Write<std::uint8_t>("descriptors", descriptors, kDescriptorSize);
-  file.Write<std::uint32_t>("bags/offsets", bag_offsets);
-  file.Write<std::uint32_t>("bags/words", words);
-  file.Write<float>("bags/weights", weights);
+  WriteAnchors(&file, tile, content);
+  WriteLandmarks(&file, tile, first_view, content.pack_descriptors);
+  WriteBags(&file, tile.bags);
   file.Close();
-  return static_cast<std::int64_t>(view_offsets.back());
+}
+
+void WriteViewImages(const fs::path& path, const BundleContent& content, std::size_t begin,
+                     std::size_t end, const BundleTile& tile) {
+  if (tile.view_images.size() != (end - begin) * content.directions.size())
+    throw std::logic_error("view images do not follow the panoramas");
+  std::vector<std::string> ids;
+  for (std::size_t p = begin; p < end; ++p) ids.push_back(content.panoramas[p].id);
+  std::vector<std::uint32_t> offsets{0};
+  std::vector<std::uint8_t> bytes;
+  for (const auto& image : tile.view_images) {
+    bytes.insert(bytes.end(), image.begin(), image.end());
+    if (bytes.size() > ~std::uint32_t{0})
+      throw Error(ErrorCode::kTooLarge, path.string() + ": more than 4 GiB of view images");
+    offsets.push_back(static_cast<std::uint32_t>(bytes.size()));
+  }
+  fs::create_directories(path.parent_path());
+  Hdf5Writer file(path);
+  file.WriteStrings("panorama_ids", ids);
+  file.Write<std::uint32_t>("views/offsets", offsets);
+  file.Write<std::uint8_t>("views/jpeg", bytes);
+  file.Close();
 }
 
 BundlePart Describe(const fs::path& root, const std::string& path) {
@@ -142,16 +245,13 @@ BundlePart Describe(const fs::path& root, const std::string& path) {
 
 }  // namespace
 
-Manifest WriteBundle(const fs::path& target, const BundleContent& content,
-                     const FeaturesOfPanorama& features_of_panorama) {
+Manifest WriteBundle(const fs::path& target, BundleContent content, const MakeTile& make_tile) {
   const Staging staging(target);
   Manifest manifest = content.manifest;
   manifest.parts.clear();
-  WriteVocabulary(staging.path() / "vocabulary.h5", content.vocabulary);
-  WriteGraph(staging.path() / "graph.h5", content);
+  WriteVocabulary(staging.path() / "vocabulary.h5", content.vocabulary, content.pack_descriptors);
   manifest.parts.push_back(Describe(staging.path(), "vocabulary.h5"));
-  manifest.parts.push_back(Describe(staging.path(), "graph.h5"));
-  manifest.num_features = 0;
+  manifest.num_landmarks = 0;
   for (std::size_t begin = 0; begin < content.panoramas.size();) {
     if (CancelRequested())
       throw Error(ErrorCode::kCancelled, "stopped by the user; the next build resumes");
@@ -159,22 +259,34 @@ Manifest WriteBundle(const fs::path& target, const BundleContent& content,
     const std::string& tile = content.tile_of_panorama[begin];
     while (end < content.panoramas.size() && content.tile_of_panorama[end] == tile) ++end;
     const std::string path = "tiles/" + tile + ".h5";
-    manifest.num_features +=
-        WriteTile(staging.path() / path, content, begin, end, features_of_panorama);
+    const BundleTile made = make_tile(begin, end, &content.panoramas);
+    WriteTile(staging.path() / path, content, begin, end, made);
+    manifest.num_landmarks += static_cast<std::int64_t>(made.landmarks.size());
     manifest.parts.push_back(Describe(staging.path(), path));
+    if (!made.view_images.empty()) {
+      const std::string images = "images/" + tile + ".h5";
+      WriteViewImages(staging.path() / images, content, begin, end, made);
+      manifest.parts.push_back(Describe(staging.path(), images));
+    }
     begin = end;
   }
+  // Last: the tiles refine the panoramas' poses.
+  WriteGraph(staging.path() / "graph.h5", content);
+  manifest.parts.push_back(Describe(staging.path(), "graph.h5"));
   std::sort(manifest.parts.begin(), manifest.parts.end(),
             [](const BundlePart& a, const BundlePart& b) { return a.path < b.path; });
   manifest.num_panoramas = static_cast<std::int64_t>(content.panoramas.size());
-  manifest.views_per_panorama = static_cast<int>(content.directions.size());
-  manifest.num_views = manifest.num_panoramas * manifest.views_per_panorama;
+  manifest.views_per_station = static_cast<int>(content.directions.size());
+  manifest.num_stations = static_cast<std::int64_t>(content.stations.size());
+  manifest.num_views = manifest.num_stations * manifest.views_per_station;
   const std::string text = ToJson(manifest);
   ThrowIfError(WriteFileAtomically(staging.path() / kManifestName, text));
   // The layout of sha256sum, so that `sha256sum -c` checks it too.
   ThrowIfError(WriteFileAtomically(staging.path() / kManifestHashName,
                                    Sha256Hex(text) + "  " + kManifestName + "\n"));
-  ThrowIfError(SyncPath(staging.path() / "tiles"));
+  for (const char* folder : {"tiles", "images"}) {
+    if (fs::exists(staging.path() / folder)) ThrowIfError(SyncPath(staging.path() / folder));
+  }
   ThrowIfError(SyncPath(staging.path()));
   ThrowIfError(PublishDirectory(staging.path(), target));
   return manifest;

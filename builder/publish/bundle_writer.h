@@ -2,9 +2,11 @@
 // Writes a map bundle: parts into a staging folder, manifest last, one rename to publish.
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
+#include "builder/landmarks/landmark_layer.h"
 #include "builder/rectify/rectifier.h"
 #include "builder/similarity/similarity_index.h"
 #include "common/map/manifest.h"
@@ -13,20 +15,19 @@
 
 namespace panofix {
 
-// The features of one view that go on the map.
-struct BundleView {
-  std::vector<float> keypoints;           // N x 4: x, y, size (px), angle (deg)
-  std::vector<float> points;              // N x 4: x, y, z, range sigma (m), pano frame
-  std::vector<std::uint8_t> surfaces;     // N: plane of the panorama's depth map
-  std::vector<std::uint8_t> descriptors;  // N x 128
-  BagOfWords bag;
-};
-
-// One panorama's part of a tile.
-struct BundlePanorama {
-  std::vector<float>
-      planes;  // M x 4: n . X = d in the pano frame, by surface index; empty for a raster
-  std::vector<BundleView> views;
+// One tile's part of the map: the landmarks that the views of its panoramas show.
+struct BundleTile {
+  std::vector<Landmark> landmarks;  // `panorama` and `views` are the bundle's; by anchor, ascending
+  // Refined surfaces of each anchor, in the order of anchors' first landmarks.
+  struct Anchor {
+    std::uint32_t panorama_idx = 0;
+    std::vector<DepthPlane> planes;
+    std::vector<float> distance_sigma_share, normal_sigma_rad;
+  };
+  std::vector<Anchor> anchors;   // ascending; of every landmark
+  std::vector<BagOfWords> bags;  // one a view of the tile's stations
+  // JPEGs of the panoramas' own views, in order; empty = not kept.
+  std::vector<std::vector<std::uint8_t>> view_images;
 };
 
 // Everything below is in one panorama order: sorted by (tile, id).
@@ -34,18 +35,22 @@ struct BundleContent {
   Manifest manifest;  // parts and counts are filled in by the writer
   std::vector<MapPanorama> panoramas;
   std::vector<std::string> tile_of_panorama;  // quadkeys
-  std::vector<ViewDirection> directions;      // of every panorama's views
+  std::vector<MapStation> stations;           // by panorama, each panorama itself first
+  std::vector<ViewDirection> directions;      // of every station's views
   Vocabulary vocabulary;
-  SimilarityIndex similarity;
+  SimilarityIndex similarity;  // a row a panorama's view, in view indices of the bundle
+  bool pack_descriptors = true;
 };
 
-// Called once a panorama, tile by tile, so that one tile's features are in memory at a time.
-using FeaturesOfPanorama = std::function<BundlePanorama(std::size_t panorama_idx)>;
+// Makes the tile of panoramas [begin, end), one tile in memory at a time; may refine the panoramas'
+// poses.
+using MakeTile =
+    std::function<BundleTile(std::size_t begin, std::size_t end, std::vector<MapPanorama>*)>;
 
 // Writes the bundle next to `target` and publishes it by one rename; on failure or Ctrl-C the
 // staging folder is removed and an existing bundle stays. Returns the manifest as written. Throws
 // Error.
-Manifest WriteBundle(const std::filesystem::path& target, const BundleContent& content,
-                     const FeaturesOfPanorama& features_of_panorama);
+Manifest WriteBundle(const std::filesystem::path& target, BundleContent content,
+                     const MakeTile& make_tile);
 
 }  // namespace panofix

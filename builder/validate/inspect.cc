@@ -105,8 +105,9 @@ std::string InspectText(const MapBundle& bundle) {
   row("panoramas",
       Format("%ld (%ld with depth, %ld set aside)", static_cast<long>(m.num_panoramas),
              static_cast<long>(WithDepth(bundle)), static_cast<long>(m.num_set_aside)));
-  row("views", Format("%ld, %d a panorama", static_cast<long>(m.num_views), m.views_per_panorama));
-  row("features", Format("%ld with a 3-D point", static_cast<long>(m.num_features)));
+  row("views", Format("%ld, %d at each of %ld stations", static_cast<long>(m.num_views),
+                      m.views_per_station, static_cast<long>(m.num_stations)));
+  row("landmarks", Format("%ld", static_cast<long>(m.num_landmarks)));
   row("words", Format("%u SIFT, %u MSER", bundle.vocabulary().sift.num_words,
                       bundle.vocabulary().mser.num_words));
   row("size",

@@ -239,6 +239,7 @@ std::string ScoreTable::ToJson() const {
     if (f.has_truth && f.status != FixStatus::kNoFix) {
       frame["position_error_m"] = f.position_error_m;
       if (f.has_attitude_truth) frame["attitude_error_deg"] = f.attitude_error_deg;
+      if (f.nees) frame["nees"] = *f.nees;
     }
     j["frames"].push_back(frame);
   }

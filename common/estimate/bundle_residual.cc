@@ -34,9 +34,9 @@ Eigen::RowVector3d SurfaceRow(const Correspondence& match) {
 Correspondence WithoutSharedError(const Correspondence& match) {
   Correspondence own = match;
   const Eigen::RowVector3d row = SurfaceRow(match);
-  const double shared_m = match.lever_in_map.norm() *
-                          std::hypot(match.surface_distance_sigma,
-                                     match.surface_normal_sigma_rad * row.tail<2>().norm());
+  const double shared_m =
+      match.lever_in_map.norm() * std::hypot(match.surface_distance_sigma,
+                                             match.surface_normal_sigma_rad * row.tail<2>().norm());
   const double total_m = match.range_sigma_in_map.norm();
   if (total_m <= 0) return own;
   // A point always keeps some error of its own: the plane is not the wall.
@@ -47,35 +47,45 @@ Correspondence WithoutSharedError(const Correspondence& match) {
   return own;
 }
 
-Eigen::Vector3d MovedPoint(const Correspondence& match, const Vector6d& panorama_delta,
+PanoramaMotion::PanoramaMotion(const Vector6d& delta)
+    : shift(delta.head<3>()),
+      rotation(ExpSo3(delta.tail<3>()).toRotationMatrix()),
+      left_jacobian(LeftJacobianSo3(delta.tail<3>())) {}
+
+Eigen::Vector3d MovedPoint(const BundleMatch& match, const PanoramaMotion& panorama,
                            const Eigen::Vector3d& surface_delta) {
-  return match.point_in_map - match.lever_in_map + panorama_delta.head<3>() +
-         ExpSo3(panorama_delta.tail<3>()) * match.lever_in_map * (1 + SurfaceRow(match).dot(surface_delta));
+  const Correspondence& m = match.match;
+  return m.point_in_map - m.lever_in_map + panorama.shift +
+         panorama.rotation * m.lever_in_map * (1 + match.row.dot(surface_delta));
 }
 
-bool BundleResidual(const Correspondence& match, const Eigen::Matrix2d& whitener,
-                    const Rigid3& start, const Vector6d& frame_delta,
-                    const Vector6d& panorama_delta, const Eigen::Vector3d& surface_delta,
-                    Eigen::Vector2d* residual, Matrix26d* frame_jacobian,
-                    Matrix26d* panorama_jacobian, Matrix23d* surface_jacobian) {
-  const CameraFrame frame(PerturbPose(start, frame_delta));
-  const Eigen::Vector3d point_in_map = MovedPoint(match, panorama_delta, surface_delta);
+bool BundleResidual(const BundleMatch& match, const Eigen::Matrix2d& whitener,
+                    const CameraFrame& frame, const PanoramaMotion& panorama,
+                    const Eigen::Vector3d& surface_delta, Eigen::Vector2d* residual) {
+  const Eigen::Vector3d point = frame.ToCam(MovedPoint(match, panorama, surface_delta));
+  if (!(point.z() >= kMinDepth_m)) return false;
+  *residual = whitener * (point.head<2>() / point.z() - match.match.bearing_in_cam);
+  return true;
+}
+
+bool LinearizeBundle(const BundleMatch& match, const CameraFrame& frame,
+                     const PanoramaMotion& panorama, const Eigen::Vector3d& surface_delta,
+                     BundleLinear* linear) {
+  const Correspondence& m = match.match;
+  const Eigen::Vector3d turned = panorama.rotation * m.lever_in_map;
+  const double stretch = 1 + match.row.dot(surface_delta);
+  const Eigen::Vector3d point_in_map =
+      m.point_in_map - m.lever_in_map + panorama.shift + turned * stretch;
   const Eigen::Vector3d point = frame.ToCam(point_in_map);
   if (!(point.z() >= kMinDepth_m)) return false;
-  *residual = whitener * (point.head<2>() / point.z() - match.bearing_in_cam);
-  const Matrix23d point_jacobian = whitener * PointJacobian(frame, point);
-  if (frame_jacobian != nullptr) {
-    *frame_jacobian = PoseJacobian(point_jacobian, point_in_map - frame.position_in_map);
-    frame_jacobian->rightCols<3>() *= LeftJacobianSo3(frame_delta.tail<3>());
-  }
-  const Eigen::RowVector3d row = SurfaceRow(match);
-  const Eigen::Vector3d turned = ExpSo3(panorama_delta.tail<3>()) * match.lever_in_map;
-  if (panorama_jacobian != nullptr) {
-    panorama_jacobian->leftCols<3>() = point_jacobian;
-    panorama_jacobian->rightCols<3>() = -point_jacobian * Skew(turned * (1 + row.dot(surface_delta))) *
-                                        LeftJacobianSo3(panorama_delta.tail<3>());
-  }
-  if (surface_jacobian != nullptr) *surface_jacobian = (point_jacobian * turned) * row;
+  const Matrix23d point_jacobian = PointJacobian(frame, point);
+  linear->whitener = SqrtInformation(ResidualCovariance(m, point_jacobian));
+  linear->residual = linear->whitener * (point.head<2>() / point.z() - m.bearing_in_cam);
+  const Matrix23d whitened = linear->whitener * point_jacobian;
+  linear->by_frame = PoseJacobian(whitened, point_in_map - frame.position_in_map);
+  linear->by_panorama.leftCols<3>() = whitened;
+  linear->by_panorama.rightCols<3>() = -whitened * Skew(turned * stretch) * panorama.left_jacobian;
+  linear->by_surface = (whitened * turned) * match.row;
   return true;
 }
 

@@ -58,20 +58,41 @@ struct PanoramaPrior {
 struct BundleOptions {
   double tukey_t = 4.6851;
   int max_iterations = 30;
+  // Of a past frame's matches that many are used, spread evenly over its list: the cost grows with
+  // them, the gain soon does not.
+  int max_matches_per_past_frame = 60;
+};
+
+// A frame that sees the panoramas. Its pose is a start for the newest frame and for past ones
+// alike: nothing is taken from how well a past frame was known.
+struct BundleFrame {
+  Rigid3 cam_from_map;
+  std::span<const Correspondence> matches;  // surface ids are shared by all frames
 };
 
 struct BundleResult {
   bool success = false;
   Rigid3 cam_from_map;
-  Matrix6d covariance = Matrix6d::Zero();  // marginal: panorama errors included
-  std::vector<double> panorama_shift_m;    // one a prior, how far each panorama was moved
-  double chi2_per_dof = 0;
-  int num_inliers = 0;
+  // Marginal: the errors of panoramas and planes, and the other frames' poses, included.
+  Matrix6d covariance = Matrix6d::Zero();
+  std::vector<double> panorama_shift_m;  // one a prior, how far each panorama was moved
+  double chi2_per_dof = 0;               // over all frames
+  int num_inliers = 0;                   // of the newest frame
+  int num_past_frames = 0;               // that took part
 };
 
-// The local bundle adjustment over all retrieved views (paper, section III-C): the frame's pose and
-// a small 6-DoF correction of each panorama with its prior; points move with their panorama, their
-// own error is in the residual's covariance. Ceres, Schur on the panoramas; deterministic.
+// The local bundle adjustment over all retrieved views (paper, section III-C): the poses of the
+// last frames, newest last; a small 6-DoF correction of each panorama with its prior; three errors
+// of each depth plane with theirs. Points move with their panorama and plane, their own error is in
+// the residual's covariance. The answer is the newest frame's. Past frames see the same panoramas
+// and planes from elsewhere, and so tell their errors from the pose; one whose matches mostly
+// disagree with its pose is left out. Gauss-Newton with Tukey weights, Schur complements over
+// panoramas; about 1 ms for 300 matches. Deterministic.
+[[nodiscard]] BundleResult LocalBundleAdjustment(std::span<const BundleFrame> frames,
+                                                 std::span<const PanoramaPrior> priors,
+                                                 const BundleOptions& options);
+
+// The same for one frame.
 [[nodiscard]] BundleResult LocalBundleAdjustment(std::span<const Correspondence> matches,
                                                  const Rigid3& cam_from_map,
                                                  std::span<const PanoramaPrior> priors,

@@ -210,4 +210,12 @@ Status CheckFileCanBeWritten(const std::filesystem::path& path, const std::strin
   return {};
 }
 
+Status MakeDirectories(const std::filesystem::path& folder, const std::string& option) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (!error) return {};
+  return {ErrorCode::kIo, folder.string() + ": cannot be made (" + error.message() +
+                              "); choose a " + option + " folder you may write to"};
+}
+
 }  // namespace panofix

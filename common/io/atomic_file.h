@@ -36,4 +36,9 @@ namespace panofix {
 [[nodiscard]] Status PublishDirectory(const std::filesystem::path& staged,
                                       const std::filesystem::path& target);
 
+// Makes a folder and its parents; one that is there is fine. kIo names the folder and the mend:
+// another value of `option`.
+[[nodiscard]] Status MakeDirectories(const std::filesystem::path& folder,
+                                     const std::string& option);
+
 }  // namespace panofix

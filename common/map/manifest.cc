@@ -151,10 +151,11 @@ Manifest ManifestFrom(const Json& j) {
   m.provenance.options = provenance.at("options").dump();
   const Json& counts = j.at("counts");
   counts.at("panoramas").get_to(m.num_panoramas);
+  counts.at("stations").get_to(m.num_stations);
   counts.at("views").get_to(m.num_views);
-  counts.at("features").get_to(m.num_features);
+  counts.at("landmarks").get_to(m.num_landmarks);
   counts.at("set_aside").get_to(m.num_set_aside);
-  counts.at("views_per_panorama").get_to(m.views_per_panorama);
+  counts.at("views_per_station").get_to(m.views_per_station);
   m.parts = PartsFrom(j.at("parts"));
   return m;
 }
@@ -188,10 +189,11 @@ std::string ToJson(const Manifest& m) {
                                                              : Json::parse(m.provenance.options)}}},
                   {"counts",
                    {{"panoramas", m.num_panoramas},
+                    {"stations", m.num_stations},
                     {"views", m.num_views},
-                    {"features", m.num_features},
+                    {"landmarks", m.num_landmarks},
                     {"set_aside", m.num_set_aside},
-                    {"views_per_panorama", m.views_per_panorama}}},
+                    {"views_per_station", m.views_per_station}}},
                   {"parts", parts}};
   return j.dump(1) + "\n";
 }

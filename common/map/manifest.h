@@ -13,7 +13,7 @@
 namespace panofix {
 
 // Version of the bundle format that this code writes; it reads the same major with any minor.
-inline constexpr int kBundleMajor = 1;
+inline constexpr int kBundleMajor = 2;
 inline constexpr int kBundleMinor = 0;
 inline constexpr char kManifestName[] = "manifest.json";
 inline constexpr char kManifestHashName[] = "manifest.json.sha256";
@@ -51,8 +51,9 @@ struct Manifest {
   FeatureOptions features;  // preprocessing contract
   MapErrors errors;
   Provenance provenance;
-  std::int64_t num_panoramas = 0, num_views = 0, num_features = 0, num_set_aside = 0;
-  int views_per_panorama = 0;
+  std::int64_t num_panoramas = 0, num_stations = 0, num_views = 0, num_landmarks = 0,
+               num_set_aside = 0;
+  int views_per_station = 0;
   std::vector<BundlePart> parts;  // sorted by path
 };
 

@@ -10,40 +10,31 @@
 #include "common/image/gray_image.h"
 #include "common/io/sha256.h"
 #include "common/io/unique_fd.h"
+#include "common/map/landmark_codes.h"
+#include "common/map/map_arrays.h"
 
 namespace panofix {
+
+using namespace map_internal;
+
 namespace {
 
-constexpr const char* kMend = "; fetch the bundle again or build it again";
-
-Status Bad(const std::string& what) { return {ErrorCode::kBadData, what + kMend}; }
-
-bool AllFinite(std::span<const double> values) {
-  return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
-}
-
-// offsets[0] = 0, ascending, last = size: then every slice lies inside its array.
-bool AreOffsets(std::span<const std::uint32_t> offsets, std::size_t rows, std::size_t size) {
-  return offsets.size() == rows + 1 && offsets.front() == 0 && offsets.back() == size &&
-         std::is_sorted(offsets.begin(), offsets.end());
-}
-
-bool AllBelow(std::span<const std::uint32_t> values, std::size_t bound) {
-  return std::all_of(values.begin(), values.end(), [&](std::uint32_t v) { return v < bound; });
-}
-
-// Reads array `name` into `target`, or returns the failure from the calling function.
-#define PANOFIX_READ(target, file, type, name, cols)      \
-  auto target##_read = (file).Read<type>(name, cols);     \
-  if (!target##_read.ok()) return target##_read.status(); \
-  auto target = std::move(target##_read).value()
-
 Status LoadTree(const Hdf5Reader& file, const std::string& group, VocabularyTree* tree) {
-  PANOFIX_READ(centroids, file, std::uint8_t, group + "/centroids", kDescriptorSize);
+  PANOFIX_READ(centroids, file, std::uint8_t, group + "/centroids", -1);
   PANOFIX_READ(first_child, file, std::uint32_t, group + "/first_child", 1);
   PANOFIX_READ(num_children, file, std::uint32_t, group + "/num_children", 1);
   PANOFIX_READ(word, file, std::uint32_t, group + "/word", 1);
-  tree->centroids.assign(centroids.values.begin(), centroids.values.end());
+  if (centroids.cols == kPackedDescriptorSize) {
+    const auto nodes = static_cast<std::size_t>(centroids.rows);
+    tree->centroids.resize(nodes * kDescriptorSize);
+    for (std::size_t i = 0; i < nodes; ++i)
+      UnpackDescriptor(&centroids.values[i * kPackedDescriptorSize],
+                       &tree->centroids[i * kDescriptorSize]);
+  } else if (centroids.cols == kDescriptorSize) {
+    tree->centroids.assign(centroids.values.begin(), centroids.values.end());
+  } else {
+    return Bad(group + "/centroids: a row has " + std::to_string(centroids.cols) + " columns");
+  }
   tree->first_child.assign(first_child.values.begin(), first_child.values.end());
   tree->num_children.assign(num_children.values.begin(), num_children.values.end());
   tree->word.assign(word.values.begin(), word.values.end());
@@ -127,19 +118,24 @@ Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::
         status.code() == ErrorCode::kNotFound ? ErrorCode::kBadData : status.code();
     if (!status.ok()) return Status(code, name + ": " + status.message());
   }
-  for (const Slice& slice : bundle->slices_) {
-    if (slice.tile == ~0U) return Bad(folder.string() + ": a panorama of graph.h5 is in no tile");
+  for (const Slot& slot : bundle->slot_of_view_) {
+    if (slot.tile == ~0U) return Bad(folder.string() + ": a panorama of graph.h5 is in no tile");
+  }
+  if (bundle->has_view_images() && bundle->images_.num_panoramas() != bundle->panoramas_.size()) {
+    return Bad(folder.string() + ": images of some panoramas are there, of others not");
   }
   return std::shared_ptr<const MapBundle>(std::move(bundle));
 }
 
 Status MapBundle::LoadPart(const BundlePart& part, int fd, const std::string& name) {
   const bool is_tile = part.path.starts_with("tiles/");
+  const bool is_images = part.path.starts_with("images/");
   // Parts of later minor versions are verified and left alone, whatever their format.
-  if (part.path != "graph.h5" && part.path != "vocabulary.h5" && !is_tile) return {};
+  if (part.path != "graph.h5" && part.path != "vocabulary.h5" && !is_tile && !is_images) return {};
   auto file = Hdf5Reader::Open(fd, name);
   if (!file.ok()) return file.status();
   if (is_tile) return LoadTile(*file);
+  if (is_images) return images_.Load(*file, index_of_panorama_, views_per_station());
   return part.path == "graph.h5" ? LoadGraph(*file) : LoadVocabulary(*file);
 }
 
@@ -160,12 +156,13 @@ Status MapBundle::LoadPanoramas(const Hdf5Reader& file) {
   PANOFIX_READ(rotations, file, double, "panoramas/map_from_pano", 4);
   PANOFIX_READ(scales, file, double, "panoramas/point_scale", 1);
   PANOFIX_READ(has_depth, file, std::uint8_t, "panoramas/has_depth", 1);
+  PANOFIX_READ(is_flagged, file, std::uint8_t, "panoramas/is_flagged", 1);
   PANOFIX_READ(link_offsets, file, std::uint32_t, "panoramas/link_offsets", 1);
   PANOFIX_READ(links, file, std::uint32_t, "panoramas/links", 1);
   const std::size_t n = ids->size();
   const auto rows = static_cast<std::int64_t>(n);
   if (geodetic.rows != rows || positions.rows != rows || rotations.rows != rows ||
-      scales.rows != rows || has_depth.rows != rows ||
+      scales.rows != rows || has_depth.rows != rows || is_flagged.rows != rows ||
       !AreOffsets(link_offsets.values, n, links.values.size()) || !AllBelow(links.values, n)) {
     return Bad("panorama arrays disagree");
   }
@@ -187,6 +184,7 @@ Status MapBundle::LoadPanoramas(const Hdf5Reader& file) {
         Rigid3(rotation.normalized(), Eigen::Vector3d(&positions.values[3 * i]));
     panorama.point_scale = scales.values[i];
     panorama.has_depth = has_depth.values[i] != 0;
+    panorama.is_flagged = is_flagged.values[i] != 0;
     panorama.links.assign(links.values.begin() + link_offsets.values[i],
                           links.values.begin() + link_offsets.values[i + 1]);
     panoramas_.push_back(std::move(panorama));
@@ -194,138 +192,122 @@ Status MapBundle::LoadPanoramas(const Hdf5Reader& file) {
   return {};
 }
 
+constexpr float kFarthestStation_m = 1000;  // from its panorama
+
+Status MapBundle::LoadStations(const Hdf5Reader& file) {
+  PANOFIX_READ(owners, file, std::uint32_t, "stations/panorama", 1);
+  PANOFIX_READ(positions, file, float, "stations/position_in_pano", 3);
+  if (positions.rows != owners.rows || !AllFinite(positions.values) ||
+      !std::is_sorted(owners.values.begin(), owners.values.end())) {
+    return Bad("stations disagree");
+  }
+  for (std::size_t s = 0; s < owners.values.size(); ++s) {
+    const std::uint32_t owner = owners.values[s];
+    const Eigen::Vector3f position(&positions.values[3 * s]);
+    if (owner == first_station_.size()) first_station_.push_back(static_cast<std::uint32_t>(s));
+    // A panorama's first station is itself.
+    const bool is_first = owner < first_station_.size() && first_station_[owner] == s;
+    if (owner >= panoramas_.size() || owner + 1 != first_station_.size() ||
+        (is_first && position.norm() > 0) || !(position.norm() < kFarthestStation_m)) {
+      return Bad("stations do not follow the panoramas");
+    }
+    stations_.push_back({owner, position.cast<double>()});
+  }
+  if (first_station_.size() != panoramas_.size()) return Bad("a panorama has no station");
+  first_station_.push_back(static_cast<std::uint32_t>(stations_.size()));
+  return {};
+}
+
 Status MapBundle::LoadGraph(const Hdf5Reader& file) {
-  const Status status = LoadPanoramas(file);
+  Status status = LoadPanoramas(file);
+  if (status.ok()) status = LoadStations(file);
   if (!status.ok()) return status;
   PANOFIX_READ(directions, file, double, "views/direction_deg", 2);
-  const std::size_t per_panorama = static_cast<std::size_t>(directions.rows);
-  if (per_panorama == 0 || panoramas_.empty() || !AllFinite(directions.values))
+  const auto per_station = static_cast<std::size_t>(directions.rows);
+  if (per_station == 0 || panoramas_.empty() || !AllFinite(directions.values))
     return Bad("no views");
-  for (std::uint32_t panorama = 0; panorama < panoramas_.size(); ++panorama) {
-    for (std::size_t v = 0; v < per_panorama; ++v) {
-      views_.push_back({panorama, directions.values[2 * v], directions.values[2 * v + 1]});
+  for (std::uint32_t s = 0; s < stations_.size(); ++s) {
+    for (std::size_t v = 0; v < per_station; ++v) {
+      views_.push_back(
+          {s, stations_[s].panorama_idx, directions.values[2 * v], directions.values[2 * v + 1]});
     }
   }
   PANOFIX_READ(offsets, file, std::uint32_t, "similarity/offsets", 1);
   PANOFIX_READ(similar, file, std::uint32_t, "similarity/views", 1);
-  if (!AreOffsets(offsets.values, views_.size(), similar.values.size()) ||
+  if (!AreOffsets(offsets.values, panoramas_.size() * per_station, similar.values.size()) ||
       !AllBelow(similar.values, views_.size())) {
     return Bad("similarity index points outside the views");
   }
   similar_offsets_ = std::move(offsets);
   similar_views_ = std::move(similar);
-  slices_.assign(views_.size(), {~0U, 0, 0});
+  slot_of_view_.assign(views_.size(), {});
   bags_.resize(views_.size());
   for (std::uint32_t i = 0; i < panoramas_.size(); ++i) index_of_panorama_[panoramas_[i].id] = i;
-  normals_.resize(panoramas_.size());
   return {};
 }
 
 Status MapBundle::LoadTile(const Hdf5Reader& file) {
-  auto ids = file.ReadStrings("panorama_ids");
-  if (!ids.ok()) return ids.status();
-  PANOFIX_READ(offsets, file, std::uint32_t, "view_offsets", 1);
-  Tile tile;
-  PANOFIX_READ(keypoints, file, float, "keypoints", 4);
-  PANOFIX_READ(points, file, float, "points_in_pano", 4);
-  PANOFIX_READ(surfaces, file, std::uint8_t, "surfaces", 1);
-  PANOFIX_READ(descriptors, file, std::uint8_t, "descriptors", kDescriptorSize);
-  const std::size_t per_panorama = views_.size() / panoramas_.size();
-  if (points.rows != keypoints.rows || surfaces.rows != keypoints.rows ||
-      descriptors.rows != keypoints.rows ||
-      !AreOffsets(offsets.values, ids->size() * per_panorama,
-                  static_cast<std::size_t>(keypoints.rows))) {
-    return Bad("feature arrays disagree");
-  }
-  const auto finite = [](float v) { return std::isfinite(v); };
-  if (!std::all_of(points.values.begin(), points.values.end(), finite) ||
-      !std::all_of(keypoints.values.begin(), keypoints.values.end(), finite)) {
-    return Bad("features are not finite");
-  }
-  std::vector<std::uint32_t> view_of_slot, panorama_of_slot;
-  for (std::size_t p = 0; p < ids->size(); ++p) {
-    const auto found = index_of_panorama_.find((*ids)[p]);
-    if (found == index_of_panorama_.end())
-      return Bad("panorama " + (*ids)[p] + " is not in graph.h5");
-    if (slices_[found->second * per_panorama].tile != ~0U)
-      return Bad("panorama " + (*ids)[p] + " is in two tiles");
-    panorama_of_slot.push_back(found->second);
-    for (std::size_t v = 0; v < per_panorama; ++v) {
-      const std::size_t view = found->second * per_panorama + v, slot = p * per_panorama + v;
-      slices_[view] = {static_cast<std::uint32_t>(tiles_.size()), offsets.values[slot],
-                       offsets.values[slot + 1]};
-      view_of_slot.push_back(static_cast<std::uint32_t>(view));
+  auto loaded = MapTile::Load(file, index_of_panorama_, vocabulary_.num_words());
+  if (!loaded.ok()) return loaded.status();
+  MapTile tile = std::move(loaded).value();
+  std::uint32_t slot = 0;
+  for (const std::uint32_t panorama : tile.panoramas()) {
+    const std::uint32_t begin = first_station(panorama) * views_per_station();
+    const std::uint32_t end = first_station(panorama + 1) * views_per_station();
+    if (slot_of_view_[begin].tile != ~0U)
+      return Bad("panorama " + panoramas_[panorama].id + " is in two tiles");
+    if (slot + (end - begin) > tile.num_views()) return Bad("views disagree with the stations");
+    for (std::uint32_t view = begin; view < end; ++view, ++slot) {
+      slot_of_view_[view] = {static_cast<std::uint32_t>(tiles_.size()), slot};
+      bags_[view] = tile.Bag(slot);
     }
   }
-  tile.keypoints = std::move(keypoints);
-  tile.points = std::move(points);
-  tile.surfaces = std::move(surfaces);
-  tile.descriptors = std::move(descriptors);
+  if (slot != tile.num_views()) return Bad("views disagree with the stations");
+  if (tile.num_landmarks() > ~std::uint32_t{0} - first_landmark_.back())
+    return Bad("more landmarks than have a number");
+  first_landmark_.push_back(first_landmark_.back() +
+                            static_cast<std::uint32_t>(tile.num_landmarks()));
   tiles_.push_back(std::move(tile));
-  const Status status = LoadPlanes(file, panorama_of_slot);
-  if (!status.ok()) return status;
-  return LoadBags(file, view_of_slot);
-}
-
-Status MapBundle::LoadPlanes(const Hdf5Reader& file,
-                             const std::vector<std::uint32_t>& panorama_of_slot) {
-  PANOFIX_READ(offsets, file, std::uint32_t, "plane_offsets", 1);
-  PANOFIX_READ(planes, file, float, "planes", 4);
-  if (!AreOffsets(offsets.values, panorama_of_slot.size(), static_cast<std::size_t>(planes.rows))) {
-    return Bad("depth planes disagree");
-  }
-  for (std::size_t slot = 0; slot < panorama_of_slot.size(); ++slot) {
-    auto& normals = normals_[panorama_of_slot[slot]];
-    for (std::uint32_t i = offsets.values[slot]; i < offsets.values[slot + 1]; ++i) {
-      const Eigen::Vector3f normal(&planes.values[4 * std::size_t{i}]);
-      const float length = normal.norm();
-      // Plane 0 is unused and may be anything.
-      normals.push_back(length > 0.5F && length < 2.0F ? Eigen::Vector3f(normal / length)
-                                                       : Eigen::Vector3f::Zero());
-    }
-  }
-  return {};
-}
-
-Status MapBundle::LoadBags(const Hdf5Reader& file, const std::vector<std::uint32_t>& view_of_slot) {
-  PANOFIX_READ(offsets, file, std::uint32_t, "bags/offsets", 1);
-  PANOFIX_READ(words, file, std::uint32_t, "bags/words", 1);
-  PANOFIX_READ(weights, file, float, "bags/weights", 1);
-  if (weights.rows != words.rows || !AllBelow(words.values, vocabulary_.num_words()) ||
-      !AreOffsets(offsets.values, view_of_slot.size(), words.values.size())) {
-    return Bad("bags of words disagree");
-  }
-  for (std::size_t slot = 0; slot < view_of_slot.size(); ++slot) {
-    BagOfWords& bag = bags_[view_of_slot[slot]];
-    for (std::uint32_t i = offsets.values[slot]; i < offsets.values[slot + 1]; ++i) {
-      if (!std::isfinite(weights.values[i])) return Bad("bags of words are not finite");
-      bag.push_back({words.values[i], weights.values[i]});
-    }
-  }
   return {};
 }
 
 #undef PANOFIX_READ
 
-ViewFeatures MapBundle::Features(std::size_t view_idx) const {
-  const Slice& slice = slices_.at(view_idx);
-  const Tile& tile = tiles_[slice.tile];
-  const std::size_t begin = slice.begin, count = slice.end - slice.begin;
-  return {tile.keypoints.values.subspan(begin * 4, count * 4),
-          tile.points.values.subspan(begin * 4, count * 4),
-          tile.surfaces.values.subspan(begin, count),
-          tile.descriptors.values.subspan(begin * kDescriptorSize, count * kDescriptorSize)};
+MapBundle::LandmarkList MapBundle::LandmarksOf(std::size_t view_idx) const {
+  const Slot& slot = slot_of_view_.at(view_idx);
+  return {first_landmark_[slot.tile], tiles_[slot.tile].LandmarksOf(slot.slot)};
 }
 
-Eigen::Vector3d MapBundle::SurfaceNormal(std::size_t panorama_idx, std::uint8_t surface_idx) const {
-  const auto& normals = normals_.at(panorama_idx);
-  return surface_idx < normals.size() ? Eigen::Vector3d(normals[surface_idx].cast<double>())
-                                      : Eigen::Vector3d::Zero();
+std::size_t MapBundle::TileOf(std::uint32_t landmark_id) const {
+  const auto after = std::upper_bound(first_landmark_.begin(), first_landmark_.end(), landmark_id);
+  return static_cast<std::size_t>(after - first_landmark_.begin()) - 1;
+}
+
+MapLandmark MapBundle::Landmark(std::uint32_t landmark_id) const {
+  const std::size_t tile = TileOf(landmark_id);
+  return tiles_[tile].Landmark(landmark_id - first_landmark_[tile]);
+}
+
+void MapBundle::Descriptor(std::uint32_t landmark_id, std::uint8_t* descriptor) const {
+  const std::size_t tile = TileOf(landmark_id);
+  tiles_[tile].Descriptor(landmark_id - first_landmark_[tile], descriptor);
+}
+
+MapSurface MapBundle::SurfaceOf(std::uint32_t landmark_id, const MapLandmark& landmark) const {
+  return tiles_[TileOf(landmark_id)].Surface(landmark.panorama_idx, landmark.surface_idx);
+}
+
+Result<GrayImage> MapBundle::ViewImage(std::uint32_t view_idx) const {
+  const MapView& view = views_.at(view_idx);
+  if (view.station_idx != first_station(view.panorama_idx))
+    return Status(ErrorCode::kNotFound, "views of virtual stations have no image");
+  return images_.Decode(view.panorama_idx, view_idx % views_per_station(), manifest_.camera);
 }
 
 std::span<const std::uint32_t> MapBundle::SimilarViews(std::size_t view_idx) const {
-  const std::uint32_t begin = similar_offsets_.values[view_idx],
-                      end = similar_offsets_.values[view_idx + 1];
+  const std::size_t row = std::size_t{views_[view_idx].panorama_idx} * views_per_station() +
+                          view_idx % views_per_station();
+  const std::uint32_t begin = similar_offsets_.values[row], end = similar_offsets_.values[row + 1];
   return similar_views_.values.subspan(begin, end - begin);
 }
 

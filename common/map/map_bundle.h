@@ -12,7 +12,10 @@
 
 #include "common/geometry/rigid3.h"
 #include "common/io/hdf5_file.h"
+#include "common/map/local_frame.h"
 #include "common/map/manifest.h"
+#include "common/map/map_tile.h"
+#include "common/map/view_images.h"
 #include "common/vocabulary/vocabulary.h"
 
 namespace panofix {
@@ -24,27 +27,18 @@ struct MapPanorama {
   double point_scale = 1;            // of the map frame here
   std::vector<std::uint32_t> links;  // indices of neighbours along the road
   bool has_depth = false;            // false: its views serve retrieval only
+  bool is_flagged = false;           // its geotag cannot be reconciled with its neighbours
+};
+
+// A viewpoint that views are cut or rendered at; its axes are those of its panorama's pano frame.
+struct MapStation {
+  std::uint32_t panorama_idx = 0;
+  Eigen::Vector3d position_in_pano = Eigen::Vector3d::Zero();  // metres; zero = the panorama itself
 };
 
 struct MapView {
-  std::uint32_t panorama_idx = 0;
+  std::uint32_t station_idx = 0, panorama_idx = 0;
   double yaw_deg = 0, pitch_deg = 0;  // in the pano frame
-};
-
-// Features of one view that have a 3-D point; spans stay valid as long as the bundle.
-struct ViewFeatures {
-  std::span<const float> keypoints;           // N x 4: x, y, size (px), angle (deg)
-  std::span<const float> points_in_pano;      // N x 4: x, y, z, 1-sigma error of the range (metres)
-  std::span<const std::uint8_t> surfaces;     // N: index of the depth plane; 0 = a raster's
-  std::span<const std::uint8_t> descriptors;  // N x 128
-  [[nodiscard]] std::size_t size() const { return keypoints.size() / 4; }
-  [[nodiscard]] Eigen::Vector3d point(std::size_t i) const {
-    return {double{points_in_pano[4 * i]}, double{points_in_pano[4 * i + 1]},
-            double{points_in_pano[4 * i + 2]}};
-  }
-  [[nodiscard]] double range_sigma_m(std::size_t i) const {
-    return double{points_in_pano[4 * i + 3]};
-  }
 };
 
 class MapBundle {
@@ -63,32 +57,52 @@ class MapBundle {
   [[nodiscard]] const MapFrame& frame() const { return frame_; }
   [[nodiscard]] const Vocabulary& vocabulary() const { return vocabulary_; }
   [[nodiscard]] const std::vector<MapPanorama>& panoramas() const { return panoramas_; }
+  // Stations of panorama p are [first_station(p), first_station(p + 1)): the panorama itself first.
+  [[nodiscard]] const std::vector<MapStation>& stations() const { return stations_; }
+  [[nodiscard]] std::uint32_t first_station(std::size_t panorama_idx) const {
+    return first_station_[panorama_idx];
+  }
+  // View v of station s has index s * views_per_station() + v.
   [[nodiscard]] const std::vector<MapView>& views() const { return views_; }
+  [[nodiscard]] std::uint32_t views_per_station() const {
+    return static_cast<std::uint32_t>(views_.size() / stations_.size());
+  }
   [[nodiscard]] const std::vector<BagOfWords>& bags() const { return bags_; }  // one a view
-  [[nodiscard]] ViewFeatures Features(std::size_t view_idx) const;
-  // Unit normal of a panorama's depth plane, in pano; zero where the index has none (a raster).
-  [[nodiscard]] Eigen::Vector3d SurfaceNormal(std::size_t panorama_idx,
-                                              std::uint8_t surface_idx) const;
-  // Row of D_DB x r: similar views, best first.
+
+  // Landmarks that a view shows, as ids of this bundle.
+  struct LandmarkList {
+    std::uint32_t first_id = 0;  // of the tile that the numbers count from
+    std::span<const std::uint32_t> numbers;
+    [[nodiscard]] std::size_t size() const { return numbers.size(); }
+    [[nodiscard]] std::uint32_t operator[](std::size_t i) const { return first_id + numbers[i]; }
+  };
+  [[nodiscard]] LandmarkList LandmarksOf(std::size_t view_idx) const;
+  [[nodiscard]] std::size_t num_landmarks() const { return first_landmark_.back(); }
+  [[nodiscard]] MapLandmark Landmark(std::uint32_t landmark_id) const;
+  // Its 128 bytes.
+  void Descriptor(std::uint32_t landmark_id, std::uint8_t* descriptor) const;
+  // The depth plane that the landmark's error is shared on.
+  [[nodiscard]] MapSurface SurfaceOf(std::uint32_t landmark_id, const MapLandmark& landmark) const;
+  // Row of D_DB x r: similar views of panoramas, best first. A virtual station's views have those
+  // of its panorama's view in the same direction.
   [[nodiscard]] std::span<const std::uint32_t> SimilarViews(std::size_t view_idx) const;
 
+  // Whether the bundle keeps the images of its panoramas' own views: all of them or none.
+  [[nodiscard]] bool has_view_images() const { return images_.num_panoramas() > 0; }
+  // A view as it was described, equalised; decoded anew each time. kNotFound for views of virtual
+  // stations, or where none are kept.
+  [[nodiscard]] Result<GrayImage> ViewImage(std::uint32_t view_idx) const;
+
  private:
-  struct Tile {
-    MappedArray<float> keypoints, points;
-    MappedArray<std::uint8_t> surfaces, descriptors;
-  };
-  struct Slice {
-    std::uint32_t tile = 0, begin = 0, end = 0;  // feature rows of a view in its tile
-  };
   explicit MapBundle(Manifest manifest)
       : manifest_(std::move(manifest)), frame_(manifest_.map_frame) {}
   Status LoadPart(const BundlePart& part, int fd, const std::string& name);
   Status LoadVocabulary(const Hdf5Reader& file);
   Status LoadGraph(const Hdf5Reader& file);
   Status LoadPanoramas(const Hdf5Reader& file);
+  Status LoadStations(const Hdf5Reader& file);
   Status LoadTile(const Hdf5Reader& file);
-  Status LoadPlanes(const Hdf5Reader& file, const std::vector<std::uint32_t>& panorama_of_slot);
-  Status LoadBags(const Hdf5Reader& file, const std::vector<std::uint32_t>& view_of_slot);
+  [[nodiscard]] std::size_t TileOf(std::uint32_t landmark_id) const;
 
   Manifest manifest_;
   std::string id_;
@@ -96,12 +110,18 @@ class MapBundle {
   Vocabulary vocabulary_;
   std::vector<MapPanorama> panoramas_;
   std::unordered_map<std::string, std::uint32_t> index_of_panorama_;  // by id
+  std::vector<MapStation> stations_;
+  std::vector<std::uint32_t> first_station_;
   std::vector<MapView> views_;
   std::vector<BagOfWords> bags_;
-  std::vector<Tile> tiles_;
-  std::vector<Slice> slices_;
-  std::vector<std::vector<Eigen::Vector3f>> normals_;  // of each panorama's planes
+  std::vector<MapTile> tiles_;
+  std::vector<std::uint32_t> first_landmark_{0};  // id of each tile's first, and their number
+  struct Slot {
+    std::uint32_t tile = ~0U, slot = 0;
+  };
+  std::vector<Slot> slot_of_view_;
   MappedArray<std::uint32_t> similar_offsets_, similar_views_;
+  ViewImages images_;
 };
 
 }  // namespace panofix

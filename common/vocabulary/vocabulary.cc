@@ -50,6 +50,31 @@ std::uint32_t VocabularyTree::Quantize(const std::uint8_t* descriptor) const {
   return word[node];
 }
 
+void VocabularyTree::QuantizeSoft(const std::uint8_t* descriptor, int count,
+                                  std::vector<std::uint32_t>* words) const {
+  std::vector<std::pair<int, std::uint32_t>> beam = {{0, 0}}, next;
+  for (bool is_open = true; is_open;) {
+    is_open = false;
+    next.clear();
+    for (const auto& [distance, node] : beam) {
+      if (num_children[node] == 0) next.emplace_back(distance, node);
+      for (std::uint32_t i = 0; i < num_children[node]; ++i) {
+        const std::uint32_t child = first_child[node] + i;
+        next.emplace_back(
+            DescriptorDistanceSq(descriptor, &centroids[std::size_t{child} * kDescriptorSize]),
+            child);
+      }
+    }
+    const auto keep = std::min(next.size(), static_cast<std::size_t>(count));
+    std::partial_sort(next.begin(), next.begin() + static_cast<std::ptrdiff_t>(keep), next.end());
+    next.resize(keep);
+    beam = next;
+    for (const auto& [distance, node] : beam) is_open = is_open || num_children[node] > 0;
+  }
+  words->clear();
+  for (const auto& [distance, node] : beam) words->push_back(word[node]);
+}
+
 Status VocabularyTree::Check() const {
   const std::size_t nodes = first_child.size();
   if (num_children.size() != nodes || word.size() != nodes ||

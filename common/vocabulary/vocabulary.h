@@ -22,6 +22,9 @@ struct VocabularyTree {
   [[nodiscard]] bool empty() const { return num_words == 0; }
   // Word of a descriptor: greedy descent, nearest child by squared L2, first of equals.
   [[nodiscard]] std::uint32_t Quantize(const std::uint8_t* descriptor) const;
+  // The `count` nearest words by beam search (as many nodes are kept a level), nearest first.
+  void QuantizeSoft(const std::uint8_t* descriptor, int count,
+                    std::vector<std::uint32_t>* words) const;
   // kBadData where sizes, child ranges or word numbers are inconsistent.
   [[nodiscard]] Status Check() const;
 };

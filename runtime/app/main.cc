@@ -5,6 +5,7 @@
 #include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "runtime/app/localize.h"
+#include "runtime/localizer/levers.h"
 #include "runtime/service/play.h"
 #include "runtime/service/record.h"
 #include "runtime/service/serve.h"
@@ -26,8 +27,14 @@ Exit codes: 0 done, 64 wrong use, 65 bad data, 66 not found, 74 disk or network,
 void AddLocalizerOptions(CLI::App* command, panofix::LocalizerOptions* options) {
   command
       ->add_option("--preset", options->preset,
-                   "default, or paper: the published estimator, for comparison")
+                   "default, or paper: the published method, for comparison (its maps too)")
       ->capture_default_str();
+  command
+      ->add_option("--add", options->add,
+                   "what the default has over the paper, piece by piece, for ablations:\n" +
+                       panofix::LeverHelp())
+      ->delimiter(',')
+      ->type_name("LEVER[,LEVER...]");
   command->add_option("--threads", options->num_threads, "processors to use; 0 = all")
       ->capture_default_str();
   command->add_option("--seed", options->seed, "seed of the robust search; same frames, same poses")

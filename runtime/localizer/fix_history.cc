@@ -5,6 +5,9 @@
 namespace panofix {
 namespace {
 
+constexpr double kTurn_rad = 0.035;     // less is lost in a search's windows
+constexpr double kMostTurnRatio = 1.5;  // nobody turns on and on
+
 double Seconds(std::int64_t duration_ns) { return 1e-9 * static_cast<double>(duration_ns); }
 
 }  // namespace
@@ -32,21 +35,23 @@ void FixHistory::Add(std::int64_t now_ns, const Rigid3& map_from_cam,
   if (poses_.size() > 2) poses_.erase(poses_.begin());
 }
 
-void FixHistory::Lose() {
-  seeds_.clear();
-  poses_.clear();
-}
-
 std::vector<Rigid3> FixHistory::Predictions(std::int64_t now_ns) const {
   std::vector<Rigid3> predictions;
+  if (poses_.empty()) return predictions;
+  const Rigid3& last = poses_.back().map_from_cam;
   if (poses_.size() == 2) {
-    const double step_s = Seconds(poses_[1].timestamp_ns - poses_[0].timestamp_ns);
-    Rigid3 moved = poses_[1].map_from_cam;
-    moved.translation += (moved.translation - poses_[0].map_from_cam.translation) *
-                         (Seconds(now_ns - poses_[1].timestamp_ns) / step_s);
-    predictions.push_back(moved);
+    const Rigid3& before = poses_[0].map_from_cam;
+    const double ratio = Seconds(now_ns - poses_[1].timestamp_ns) /
+                         Seconds(poses_[1].timestamp_ns - poses_[0].timestamp_ns);
+    const Eigen::Vector3d step = (last.translation - before.translation) * ratio;
+    Eigen::AngleAxisd turn(last.rotation * before.rotation.conjugate());
+    turn.angle() *= std::min(ratio, kMostTurnRatio);
+    if (turn.angle() > kTurn_rad) {
+      predictions.emplace_back(turn * last.rotation, last.translation + turn * step);
+    }
+    predictions.emplace_back(last.rotation, last.translation + step);
   }
-  if (!poses_.empty()) predictions.push_back(poses_.back().map_from_cam);
+  predictions.push_back(last);
   return predictions;
 }
 

@@ -9,13 +9,12 @@
 namespace panofix {
 
 struct FixHistoryOptions {
-  double prediction_age_s = 4;  // an older fix predicts no pose
+  double prediction_age_s = 3;  // an older fix predicts no pose
   double window_age_s = 20;   // nor opens a retrieval window beyond this: a vehicle may be anywhere
   std::size_t max_seeds = 4;  // views of the last fix that open the next window
 };
 
-// The last views and poses of an unbroken run of fixes. Times that stand still or run backwards
-// make it forget.
+// The last views and poses of the fixes so far. Times that run backwards make it forget.
 class FixHistory {
  public:
   explicit FixHistory(const FixHistoryOptions& options = {}) : options_(options) {}
@@ -27,13 +26,12 @@ class FixHistory {
   // predicts nothing.
   void Add(std::int64_t now_ns, const Rigid3& map_from_cam, const std::vector<std::uint32_t>& views,
            bool degraded);
-  // No fix: the run is broken.
-  void Lose();
-
+  // Whether a fix is young enough to predict from, degraded ones left out.
+  [[nodiscard]] bool HasRecentFix() const { return !poses_.empty(); }
   // Views around which to search; empty = lost.
   [[nodiscard]] const std::vector<std::uint32_t>& seeds() const { return seeds_; }
-  // map_from_cam where the camera may be at `now_ns`, likeliest first: moved on at constant
-  // velocity, then standing still. At most two.
+  // map_from_cam where the camera may be at `now_ns`, likeliest first: moved and turned on as
+  // between the last two fixes, moved on without the turn, standing still. At most three.
   [[nodiscard]] std::vector<Rigid3> Predictions(std::int64_t now_ns) const;
 
  private:

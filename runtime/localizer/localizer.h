@@ -20,7 +20,8 @@
 namespace panofix {
 
 struct LocalizerOptions {
-  std::string preset = "default";  // "default" or "paper"
+  std::string preset = "default";  // "default", or "paper": the published method
+  std::vector<std::string> add;    // levers beside the preset's, by name (levers.h)
   int num_threads = 0;             // 0 = all cores
   std::uint64_t seed = 1;          // of the robust search; same frames, same poses
   void Check() const;              // throws std::invalid_argument

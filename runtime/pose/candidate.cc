@@ -4,48 +4,62 @@
 #include <map>
 #include <set>
 
-#include "common/geometry/attitude.h"
-
 namespace panofix {
 namespace {
 
-std::vector<PanoramaPrior> PriorsOf(const MatchPool& pool, const MapErrors& errors) {
-  std::set<int> panoramas;
-  for (const Correspondence& match : pool.matches) panoramas.insert(match.panorama_idx);
-  std::vector<PanoramaPrior> priors;
-  for (const int panorama : panoramas) {
-    const double heading_rad = std::max(1e-4, errors.panorama_heading_sigma_deg * kRadPerDeg);
-    priors.push_back(
-        {panorama, std::max(1e-3, errors.panorama_position_sigma_m), heading_rad, heading_rad});
-  }
-  return priors;
-}
-
-// Refines on all matches, then adjusts with the panoramas on those that agree.
+// A pose on the way to the candidate.
 struct Solution {
   bool success = false;
   Rigid3 cam_from_local;
   Matrix6d covariance = Matrix6d::Zero();
   double chi2_per_dof = 0;
+  FocalCheck focal = {};
+  std::vector<int> agreed_keypoints = {};
+  std::vector<Correspondence> agreed = {};  // that the adjustment rests on
 };
-Solution Solve(const MatchPool& pool, const Rigid3& start, double focal_px, const MapErrors& errors,
-               const PoseOptions& options) {
-  Solution solution;
+
+// Refines on all matches.
+Solution Refine(const MatchPool& pool, const Rigid3& start, double focal_px,
+                const PoseOptions& options) {
   const MatchPool single = WithoutRepeats(pool, start, focal_px);
   const RefineResult refined = RefinePose(single.matches, start, options.refine);
-  if (!refined.success) return solution;
+  return {refined.success, refined.cam_from_map, refined.covariance, refined.chi2_per_dof, {}};
+}
+
+// Refines, then adjusts with the panoramas and the past frames on those matches that agree.
+Solution Adjust(const Scene& scene, const MatchPool& pool, const Rigid3& start,
+                const PoseOptions& options) {
+  const double focal_px = scene.camera.fx_px;
+  const Solution refined = Refine(pool, start, focal_px, options);
+  if (!refined.success) return refined;
   // Re-choose among repeats at the refined pose; only what agrees with it enters the adjustment.
   MatchPool agreed;
-  const MatchPool chosen = WithoutRepeats(pool, refined.cam_from_map, focal_px);
+  const MatchPool chosen = WithoutRepeats(pool, refined.cam_from_local, focal_px);
   for (std::size_t i = 0; i < chosen.matches.size(); ++i) {
     double chi2;
-    if (!Agrees(chosen.matches[i], refined.cam_from_map, focal_px, &chi2)) continue;
+    if (!Agrees(chosen.matches[i], refined.cam_from_local, focal_px, &chi2)) continue;
     agreed.matches.push_back(chosen.matches[i]);
     agreed.keypoint_idx.push_back(chosen.keypoint_idx[i]);
   }
-  const BundleResult adjusted = LocalBundleAdjustment(agreed.matches, refined.cam_from_map,
-                                                      PriorsOf(agreed, errors), options.bundle);
-  return {adjusted.success, adjusted.cam_from_map, adjusted.covariance, adjusted.chi2_per_dof};
+  std::vector<PanoramaPrior> priors;  // none: panoramas are taken for exact
+  std::vector<BundleFrame> frames;
+  if (options.refine.use_point_sigma) {
+    MatchPool all = agreed;
+    for (const PastFrame& past : scene.past) {
+      frames.push_back({past.cam_from_local, past.matches});
+      all.matches.insert(all.matches.end(), past.matches.begin(), past.matches.end());
+    }
+    priors = PriorsOf(all, scene.bundle.manifest().errors);
+  }
+  frames.push_back({refined.cam_from_local, agreed.matches});
+  const BundleResult adjusted = LocalBundleAdjustment(frames, priors, options.bundle);
+  Solution solution{
+      adjusted.success, adjusted.cam_from_map, adjusted.covariance, adjusted.chi2_per_dof, {}};
+  if (solution.success)
+    solution.focal = CheckFocal(agreed.matches, solution.cam_from_local, options.bundle.tukey_t);
+  solution.agreed = std::move(agreed.matches);
+  solution.agreed_keypoints = std::move(agreed.keypoint_idx);
+  return solution;
 }
 
 // Counts what agrees with the final pose into the outcome.
@@ -74,12 +88,19 @@ void Summarize(const MatchPool& pool, const FrameFeatures& frame, const Camera& 
   outcome->spread = ImageSpread(inliers_px, camera);
 }
 
+std::vector<ReadyLandmark> LandmarksAt(const Scene& scene, const Rigid3& cam_from_local,
+                                       const PoseOptions& options) {
+  return CollectLandmarks(scene.bundle, scene.stations, scene.local, scene.camera, cam_from_local,
+                          options.landmarks);
+}
+
 // Landmarks found beyond chance in windows of one size: comparable between poses.
-int SupportAt(const Scene& scene, const Rigid3& cam_from_local, const PoseOptions& options) {
+int SupportAt(const Scene& scene, const std::vector<ReadyLandmark>& landmarks,
+              const Rigid3& cam_from_local, const PoseOptions& options) {
   GuidedOptions search = options.guided;
   search.min_radius_px = search.max_radius_px;
-  const GuidedMatches found = MatchGuided(scene.frame, scene.grid, scene.camera, scene.bundle,
-                                          scene.local, cam_from_local, Matrix6d::Zero(), search);
+  const GuidedMatches found = MatchGuided(scene.frame, scene.grid, scene.camera, landmarks,
+                                          cam_from_local, Matrix6d::Zero(), search);
   return found.num_found - found.num_decoys;
 }
 
@@ -87,7 +108,8 @@ int SupportAt(const Scene& scene, const Rigid3& cam_from_local, const PoseOption
 // of wrong depth (trees and cars before a façade) sits beside the right pose, not on it.
 Rigid3 ClimbSupport(const Scene& scene, const Rigid3& start, const PoseOptions& options) {
   Rigid3 local_from_cam = start.Inverse();
-  int best = SupportAt(scene, start, options);
+  const std::vector<ReadyLandmark> landmarks = LandmarksAt(scene, start, options);
+  int best = SupportAt(scene, landmarks, start, options);
   double step_m = options.climb_step_m;
   for (int climb = 0; climb < options.max_climbs; ++climb) {
     const Rigid3 centre = local_from_cam;
@@ -96,7 +118,7 @@ Rigid3 ClimbSupport(const Scene& scene, const Rigid3& start, const PoseOptions& 
       Eigen::Vector3d d = centre.rotation * Eigen::Vector3d(right, 0, forward);
       d.z() = 0;  // the road is no way up
       beside.translation += step_m * d;
-      const int support = SupportAt(scene, beside.Inverse(), options);
+      const int support = SupportAt(scene, landmarks, beside.Inverse(), options);
       if (support > best) best = support, local_from_cam = beside;
     }
     if (local_from_cam.translation == centre.translation) {
@@ -107,12 +129,23 @@ Rigid3 ClimbSupport(const Scene& scene, const Rigid3& start, const PoseOptions& 
   return local_from_cam.Inverse();
 }
 
+// Consensus anew: a biased start would hold on to the matches that suit it.
+void TryConsensus(const MatchPool& pool, double focal_px, const PoseOptions& options,
+                  Rigid3* cam_from_local) {
+  RansacOptions ransac = options.ransac;
+  ransac.minimal_solver = MinimalSolver::kP3p;
+  const RansacResult found = EstimatePoseRansac(pool.matches, ransac);
+  if (found.success && CountKeypoints(pool, found.cam_from_map, focal_px) >
+                           CountKeypoints(pool, *cam_from_local, focal_px)) {
+    *cam_from_local = found.cam_from_map;
+  }
+}
+
 // Guided rounds from a pose, each in windows half as wide, then the adjustment.
 PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solution solution,
                          const PoseOptions& options) {
   PoseOutcome outcome;
   outcome.covariance = Matrix6d::Zero();
-  const MapErrors& errors = scene.bundle.manifest().errors;
   const double focal_px = scene.camera.fx_px;
   MatchPool pool = retrieved;
   for (int round = 0; options.use_guided && solution.success && round < options.guided_rounds;
@@ -123,39 +156,38 @@ PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solutio
     const int rounds_left = options.guided_rounds - 1 - round;
     search.max_radius_px *= 1 << rounds_left;
     search.min_radius_px *= 1 << rounds_left;
-    const GuidedMatches guided =
-        MatchGuided(scene.frame, scene.grid, scene.camera, scene.bundle, scene.local,
-                    solution.cam_from_local, solution.covariance, search);
+    const GuidedMatches guided = MatchGuided(scene.frame, scene.grid, scene.camera,
+                                             LandmarksAt(scene, solution.cam_from_local, options),
+                                             solution.cam_from_local, solution.covariance, search);
     pool = retrieved;
-    for (const ViewMatches& view : guided.views) pool.Append(view);
-    const int num_guided = std::max(1, guided.num_found);
+    pool.Append(guided.matches);
     if (rounds_left > 0) {
-      // Consensus anew: a biased start would hold on to the matches that suit it.
-      RansacOptions ransac = options.ransac;
-      ransac.minimal_solver = MinimalSolver::kP3p;
-      const RansacResult found = EstimatePoseRansac(pool.matches, ransac);
-      if (found.success && CountKeypoints(pool, found.cam_from_map, focal_px) >
-                               CountKeypoints(pool, solution.cam_from_local, focal_px)) {
-        solution.cam_from_local = found.cam_from_map;
-      }
+      TryConsensus(pool, focal_px, options, &solution.cam_from_local);
+      solution = Refine(pool, solution.cam_from_local, focal_px, options);
+      continue;
     }
     outcome.support =
         double(guided.num_found - guided.num_decoys) / std::max(1, guided.num_visible);
     outcome.over_chance = double(guided.num_found) / std::max(1, guided.num_decoys);
-    solution = Solve(pool, solution.cam_from_local, focal_px, errors, options);
-    outcome.agreement = 0;
-    for (std::size_t i = retrieved.matches.size(); solution.success && i < pool.matches.size();
-         ++i) {
+    outcome.coverage = SupportedShare(guided);
+    solution = Adjust(scene, pool, solution.cam_from_local, options);
+    int num_agreed = 0;
+    for (const Correspondence& match : guided.matches.correspondences) {
       double chi2;
-      outcome.agreement +=
-          Agrees(pool.matches[i], solution.cam_from_local, focal_px, &chi2) ? 1.0 / num_guided : 0;
+      if (solution.success && Agrees(match, solution.cam_from_local, focal_px, &chi2)) ++num_agreed;
     }
+    outcome.agreement = double(num_agreed) / std::max(1, guided.num_found);
   }
+  if (!options.use_guided && solution.success)
+    solution = Adjust(scene, pool, solution.cam_from_local, options);
   if (!solution.success) return outcome;
   outcome.found = true;
   outcome.cam_from_local = solution.cam_from_local;
   outcome.covariance = solution.covariance;
   outcome.chi2_per_dof = solution.chi2_per_dof;
+  outcome.agreed = std::move(solution.agreed);
+  outcome.agreed_keypoints = std::move(solution.agreed_keypoints);
+  outcome.focal = solution.focal;
   Summarize(pool, scene.frame, scene.camera, &outcome);
   return outcome;
 }
@@ -175,13 +207,7 @@ double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera)
 
 PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
                          const MatchPool& retrieved, const PoseOptions& options) {
-  Solution start = Solve(retrieved, hypothesis.cam_from_local, scene.camera.fx_px,
-                         scene.bundle.manifest().errors, options);
-  if (hypothesis.num_keypoints == 0) {
-    // A prediction: no match speaks for it yet, so it is first brought to where landmarks are
-    // found.
-    start = {true, ClimbSupport(scene, hypothesis.cam_from_local, options)};
-  }
+  const Solution start = Refine(retrieved, hypothesis.cam_from_local, scene.camera.fx_px, options);
   PoseOutcome outcome = GuidedRounds(scene, retrieved, start, options);
   if (!options.use_guided || !outcome.found || outcome.over_chance >= options.sure_over_chance)
     return outcome;
@@ -189,6 +215,15 @@ PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
   beside.cam_from_local = ClimbSupport(scene, outcome.cam_from_local, options);
   const PoseOutcome other = GuidedRounds(scene, retrieved, beside, options);
   return other.found && other.support > outcome.support ? other : outcome;
+}
+
+MatchPool MatchNear(const Scene& scene, const Rigid3& cam_from_local, double radius_px,
+                    const PoseOptions& options) {
+  MatchPool pool;
+  pool.Append(MatchAround(scene.frame, scene.grid, scene.camera,
+                          LandmarksAt(scene, cam_from_local, options), cam_from_local, radius_px,
+                          options.guided));
+  return pool;
 }
 
 }  // namespace panofix

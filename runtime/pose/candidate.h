@@ -9,7 +9,7 @@ namespace panofix {
 
 struct Hypothesis {
   Rigid3 cam_from_local;
-  int num_keypoints = 0;  // that agree among the retrieved matches; 0 = a prediction
+  int num_keypoints = 0;  // that agree among the matches it comes from
 };
 
 // Everything that a guided search needs beside the pose.
@@ -18,7 +18,9 @@ struct Scene {
   const KeypointGrid& grid;
   const Camera& camera;
   const MapBundle& bundle;
+  const StationGrid& stations;
   const LocalFrame& local;
+  const std::vector<PastFrame>& past;  // older first
 };
 
 // Spread of pixels over the image: root of the determinant of their covariance, as a share of a
@@ -29,5 +31,9 @@ struct Scene {
 // near by. found = false where no pose comes out. Gates are not applied.
 [[nodiscard]] PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
                                        const MatchPool& retrieved, const PoseOptions& options);
+
+// Matches of the landmarks that a predicted pose would show, each looked for within `radius_px`.
+[[nodiscard]] MatchPool MatchNear(const Scene& scene, const Rigid3& cam_from_local,
+                                  double radius_px, const PoseOptions& options);
 
 }  // namespace panofix

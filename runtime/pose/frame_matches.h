@@ -13,17 +13,6 @@
 
 namespace panofix {
 
-// A metric frame near the vehicle: x_in_map = origin + scale (x, y) and z unchanged, so that
-// lengths in it are true ground lengths whatever the grid's point scale.
-struct LocalFrame {
-  Eigen::Vector3d origin_in_map = Eigen::Vector3d::Zero();
-  double point_scale = 1;
-  [[nodiscard]] static LocalFrame At(const MapPanorama& panorama);
-  [[nodiscard]] Eigen::Vector3d FromMap(const Eigen::Vector3d& x_in_map) const;
-  [[nodiscard]] Eigen::Vector3d ToMap(const Eigen::Vector3d& x_in_local) const;
-  [[nodiscard]] Rigid3 LocalFromPano(const MapPanorama& panorama) const;
-};
-
 // The frame's features with their undistorted bearings.
 struct FrameFeatures {
   FeatureSet sift;
@@ -33,18 +22,24 @@ struct FrameFeatures {
 // Error of a keypoint in pixels, 1-sigma: grows with the region's size.
 [[nodiscard]] double KeypointSigma_px(float size_px);
 
-// Feature `feature_idx` of a view's `features` as a correspondence that still lacks its bearing:
-// the point, its errors and its lever, in the local frame.
+// A landmark as a correspondence that still lacks its bearing: the point, its errors and its lever,
+// in the local frame. `view_idx` is one that shows it.
 [[nodiscard]] Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx,
-                                          const ViewFeatures& features, std::size_t feature_idx,
-                                          const Rigid3& local_from_pano);
+                                          std::uint32_t landmark_id, const MapLandmark& landmark,
+                                          const Rigid3& local_from_anchor);
 
 // Matches of one view; correspondences' panorama_idx and view_idx are the bundle's.
 struct ViewMatches {
   std::uint32_t view_idx = 0;
   std::vector<Correspondence> correspondences;
-  std::vector<int> keypoint_idx;  // of the frame, one a correspondence
+  std::vector<int> keypoint_idx;            // of the frame, one a correspondence
+  std::vector<std::uint32_t> landmark_ids;  // likewise
+  void Append(const ViewMatches& other);
 };
+
+// cam_from_local of a view of the map.
+[[nodiscard]] Rigid3 PoseOfView(const MapBundle& bundle, const LocalFrame& local,
+                                std::uint32_t view_idx);
 
 [[nodiscard]] ViewMatches MatchView(const FrameFeatures& frame, const Camera& camera,
                                     const MapBundle& bundle, std::uint32_t view_idx,

@@ -60,6 +60,10 @@ void DegradeDoubtful(const PoseOptions& options, PoseOutcome* outcome) {
     outcome->degraded = true;
     outcome->reason = "landmarks_disagree";
     outcome->covariance *= options.degraded_sigma_factor * options.degraded_sigma_factor;
+  } else if (options.use_guided && outcome->station_distance_m > options.fix_station_distance_m) {
+    outcome->degraded = true;
+    outcome->reason = "beyond_map";
+    outcome->covariance *= options.degraded_sigma_factor * options.degraded_sigma_factor;
   } else if (PositionSigma_m(*outcome) > options.fix_position_sigma_m) {
     outcome->degraded = true;
     outcome->reason = "pose_uncertain";
@@ -70,11 +74,12 @@ void LogCandidate(const PoseOutcome& outcome, const MapBundle& bundle, const Loc
   const Geodetic place = bundle.frame().ToGeodetic(local.ToMap(CentreOf(outcome.cam_from_local)));
   LogDebug(Format(
       "candidate %.9f %.9f inliers %d elsewhere %d spread %.3f support %.3f over_chance %.1f "
-      "chi2 %.2f sigma_m %.3f agreement %.3f rival %.3f %s",
+      "chi2 %.2f sigma_m %.3f agreement %.3f coverage %.3f focal %.4f focal_sigma %.4f rival %.3f "
+      "%s",
       place.lat_deg, place.lon_deg, outcome.num_inliers, outcome.num_elsewhere, outcome.spread,
       outcome.support, outcome.over_chance, outcome.chi2_per_dof, PositionSigma_m(outcome),
-      outcome.agreement, outcome.rival_support,
-      outcome.trusted ? "trusted" : outcome.reason.c_str()));
+      outcome.agreement, outcome.coverage, outcome.focal.error, outcome.focal.sigma,
+      outcome.rival_support, outcome.trusted ? "trusted" : outcome.reason.c_str()));
 }
 
 }  // namespace panofix

@@ -4,38 +4,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <optional>
 
+#include "common/features/matcher.h"
 #include "common/geometry/attitude.h"
 
 namespace panofix {
 namespace {
 
-// Panoramas with depth within reach of the camera, nearest first.
-std::vector<std::uint32_t> NearPanoramas(const MapBundle& bundle, const LocalFrame& local,
-                                         const Eigen::Vector3d& camera_in_local,
-                                         const GuidedOptions& options) {
-  std::vector<std::pair<double, std::uint32_t>> near;
-  for (std::uint32_t i = 0; i < bundle.panoramas().size(); ++i) {
-    if (!bundle.panoramas()[i].has_depth) continue;
-    const double distance_m =
-        (local.FromMap(bundle.panoramas()[i].map_from_pano.translation) - camera_in_local).norm();
-    if (distance_m <= options.max_distance_m) near.emplace_back(distance_m, i);
-  }
-  std::sort(near.begin(), near.end());
-  if (near.size() > static_cast<std::size_t>(options.num_panoramas)) {
-    near.resize(static_cast<std::size_t>(options.num_panoramas));
-  }
-  std::vector<std::uint32_t> indices;
-  for (const auto& [distance_m, i] : near) indices.push_back(i);
-  return indices;
-}
-
-Rigid3 PanoFromView(const MapView& view) {
-  return {EnuFromBody({view.yaw_deg, view.pitch_deg, 0}) * BodyFromCam(), Eigen::Vector3d::Zero()};
-}
-
-// What is asked of one view's landmarks.
+// What is asked of the landmarks.
 struct Search {
   const FrameFeatures& frame;
   const KeypointGrid& grid;
@@ -54,6 +31,15 @@ double SearchRadius_px(const Search& search, const Correspondence& landmark) {
   return std::clamp(radius_px, search.options.min_radius_px, search.options.max_radius_px);
 }
 
+// Whether a keypoint may show what is predicted, descriptors apart.
+bool IsShapedLike(const Keypoint& keypoint, double size_px, double angle_deg,
+                  const GuidedOptions& options) {
+  const double ratio = double{keypoint.size_px} / size_px;
+  return ratio <= options.max_scale_ratio && ratio * options.max_scale_ratio >= 1 &&
+         std::abs(AngleDifferenceDeg(double{keypoint.angle_deg}, angle_deg)) <=
+             options.max_turn_deg;
+}
+
 // Index of the frame keypoint that shows the landmark, or -1.
 int FindKeypoint(const Search& search, const Eigen::Vector2d& px, double radius_px, double size_px,
                  double angle_deg, const std::uint8_t* descriptor) {
@@ -64,12 +50,7 @@ int FindKeypoint(const Search& search, const Eigen::Vector2d& px, double radius_
   double best_sq = search.options.max_descriptor_distance * search.options.max_descriptor_distance;
   for (const int k : candidates) {
     const Keypoint& keypoint = search.frame.sift.keypoints[static_cast<std::size_t>(k)];
-    const double ratio = double{keypoint.size_px} / size_px;
-    if (ratio > search.options.max_scale_ratio || ratio * search.options.max_scale_ratio < 1)
-      continue;
-    if (std::abs(AngleDifferenceDeg(double{keypoint.angle_deg}, angle_deg)) >
-        search.options.max_turn_deg)
-      continue;
+    if (!IsShapedLike(keypoint, size_px, angle_deg, search.options)) continue;
     const double distance_sq = DescriptorDistanceSq(
         descriptor, search.frame.sift.descriptor(static_cast<std::size_t>(k)).data());
     if (distance_sq < best_sq) best_sq = distance_sq, best = k;
@@ -93,64 +74,93 @@ Eigen::Vector2d DecoyOf(const Search& search, const Eigen::Vector2d& px, std::si
   return px + Eigen::Vector2d(0, px.y() > offset_px ? -offset_px : offset_px);
 }
 
-void SearchView(const Search& search, const MapBundle& bundle, std::uint32_t view_idx,
-                const LocalFrame& local, GuidedMatches* result) {
-  const MapView& view = bundle.views()[view_idx];
-  const MapPanorama& panorama = bundle.panoramas()[view.panorama_idx];
-  const Rigid3 local_from_pano = local.LocalFromPano(panorama);
-  const Rigid3 local_from_view = local_from_pano * PanoFromView(view);
-  // A camera that looks away from a view by more than both half fields of view shares nothing with
-  // it.
-  const Eigen::Vector3d axis =
-      search.cam_from_local.rotation.conjugate() * Eigen::Vector3d::UnitZ();
-  const double half_fov = std::atan(0.5 * search.camera.width_px / search.camera.fx_px);
-  if (axis.dot(local_from_view.rotation * Eigen::Vector3d::UnitZ()) <
-      std::cos(std::min(3.1, 2.2 * half_fov)))
-    return;
-  const Eigen::Vector3d camera_in_local = search.cam_from_local.Inverse().translation;
-  // Roll between the two cameras turns orientations.
-  const Eigen::Matrix3d cam_from_view =
-      (search.cam_from_local.rotation * local_from_view.rotation).toRotationMatrix();
-  const double roll_deg = std::atan2(cam_from_view(1, 0), cam_from_view(0, 0)) / kRadPerDeg;
-
-  const ViewFeatures features = bundle.Features(view_idx);
-  const double min_cosine = std::cos(search.options.max_viewing_deg * kRadPerDeg);
-  ViewMatches matches;
-  matches.view_idx = view_idx;
-  for (std::size_t i = 0; i < features.size(); ++i) {
-    Correspondence c = MakeLandmark(bundle, view_idx, features, i, local_from_pano);
-    const Eigen::Vector3d x_in_cam = search.cam_from_local * c.point_in_map;
-    if (x_in_cam.z() < 0.5) continue;
-    const auto px = search.camera.Project(x_in_cam);
-    if (!px || px->x() < 0 || px->y() < 0 || px->x() > search.camera.width_px - 1 ||
-        px->y() > search.camera.height_px - 1) {
-      continue;
-    }
-    const Eigen::Vector3d sight = c.point_in_map - camera_in_local;
-    if (sight.normalized().dot(c.lever_in_map.normalized()) < min_cosine) continue;
-    const double size_px =
-        double{features.keypoints[4 * i + 2]} * c.lever_in_map.norm() / sight.norm();
-    constexpr double kSmallestSize_px = 2.0;  // smaller ones are below the frame's resolution
-    if (size_px < kSmallestSize_px) continue;
-    ++result->num_visible;
-    c.keypoint_sigma = KeypointSigma_px(static_cast<float>(size_px)) / search.camera.fx_px;
-    const double radius_px = SearchRadius_px(search, c);
-    const double angle_deg = double{features.keypoints[4 * i + 3]} + roll_deg;
-    const std::uint8_t* descriptor = features.descriptors.data() + i * kDescriptorSize;
-    const Eigen::Vector2d decoy = DecoyOf(search, *px, i);
-    if (FindKeypoint(search, decoy, radius_px, size_px, angle_deg, descriptor) >= 0)
-      ++result->num_decoys;
-    const int k = FindKeypoint(search, *px, radius_px, size_px, angle_deg, descriptor);
-    if (k < 0) continue;
-    ++result->num_found;
-    const auto found = static_cast<std::size_t>(k);
-    c.bearing_in_cam = search.frame.bearings[found];
-    c.keypoint_sigma =
-        KeypointSigma_px(search.frame.sift.keypoints[found].size_px) / search.camera.fx_px;
-    matches.correspondences.push_back(c);
-    matches.keypoint_idx.push_back(k);
+// Where a pose puts a landmark in the picture, and how it looks there.
+struct Prediction {
+  Eigen::Vector2d px;
+  double size_px = 0, angle_deg = 0;
+};
+std::optional<Prediction> Predict(const ReadyLandmark& landmark, const Camera& camera,
+                                  const Rigid3& cam_from_local) {
+  const Eigen::Vector3d x_in_cam = cam_from_local * landmark.match.point_in_map;
+  if (x_in_cam.z() < 0.5) return std::nullopt;
+  const auto px = camera.Project(x_in_cam);
+  if (!px || px->x() < 0 || px->y() < 0 || px->x() > camera.width_px - 1 ||
+      px->y() > camera.height_px - 1) {
+    return std::nullopt;
   }
-  if (!matches.correspondences.empty()) result->views.push_back(std::move(matches));
+  const double size_px = double{landmark.size_m} / x_in_cam.norm() * camera.fx_px;
+  constexpr double kSmallestSize_px = 2.0;  // smaller ones are below the frame's resolution
+  if (size_px < kSmallestSize_px) return std::nullopt;
+  // Roll between the camera and the landmark's level view turns orientations.
+  const Eigen::Vector3d up = cam_from_local.rotation * landmark.up_in_local.cast<double>();
+  const double roll_deg = std::atan2(up.x(), -up.y()) / kRadPerDeg;
+  return Prediction{*px, size_px, double{landmark.angle_deg} + roll_deg};
+}
+
+// The candidate nearest in descriptor, unless another one elsewhere comes near it; or -1.
+int BestOfWindow(const FrameFeatures& frame, const std::vector<int>& candidates,
+                 const Prediction& at, const std::uint8_t* descriptor,
+                 const GuidedOptions& options) {
+  constexpr float kSamePlace_px = 4;  // keypoints so near are one structure at two scales
+  const double limit_sq = options.max_descriptor_distance * options.max_descriptor_distance;
+  std::vector<std::pair<int, int>> near;  // squared distance, keypoint
+  for (const int k : candidates) {
+    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
+    if (!IsShapedLike(keypoint, at.size_px, at.angle_deg, options)) continue;
+    const int distance_sq =
+        DescriptorDistanceSq(descriptor, frame.sift.descriptor(static_cast<std::size_t>(k)).data());
+    near.emplace_back(distance_sq, k);
+  }
+  if (near.empty()) return -1;
+  const auto best = *std::min_element(near.begin(), near.end());
+  if (best.first > limit_sq) return -1;
+  const Keypoint& chosen = frame.sift.keypoints[static_cast<std::size_t>(best.second)];
+  for (const auto& [distance_sq, k] : near) {
+    const Keypoint& other = frame.sift.keypoints[static_cast<std::size_t>(k)];
+    const bool elsewhere =
+        std::hypot(other.x_px - chosen.x_px, other.y_px - chosen.y_px) > kSamePlace_px;
+    if (elsewhere && best.first > options.max_ratio * options.max_ratio * distance_sq) return -1;
+  }
+  return best.second;
+}
+
+void Append(const FrameFeatures& frame, const Camera& camera, const ReadyLandmark& landmark, int k,
+            ViewMatches* matches) {
+  const auto found = static_cast<std::size_t>(k);
+  Correspondence c = landmark.match;
+  c.bearing_in_cam = frame.bearings[found];
+  c.keypoint_sigma = KeypointSigma_px(frame.sift.keypoints[found].size_px) / camera.fx_px;
+  matches->correspondences.push_back(c);
+  matches->keypoint_idx.push_back(k);
+  matches->landmark_ids.push_back(landmark.id);
+}
+
+std::size_t CellOf(const Eigen::Vector2d& px, const Camera& camera) {
+  const auto cell = [](double x, int size_px, int count) {
+    return std::clamp(static_cast<int>(x * count / size_px), 0, count - 1);
+  };
+  const int column = cell(px.x(), camera.width_px, GuidedMatches::kCellColumns);
+  const int row = cell(px.y(), camera.height_px, GuidedMatches::kCellRows);
+  return static_cast<std::size_t>(row * GuidedMatches::kCellColumns + column);
+}
+
+void SearchLandmark(const Search& search, const ReadyLandmark& landmark, GuidedMatches* result) {
+  const auto at = Predict(landmark, search.camera, search.cam_from_local);
+  if (!at) return;
+  ++result->num_visible;
+  GuidedMatches::Cell& cell = result->cells[CellOf(at->px, search.camera)];
+  ++cell.num_visible;
+  Correspondence c = landmark.match;
+  c.keypoint_sigma = KeypointSigma_px(static_cast<float>(at->size_px)) / search.camera.fx_px;
+  const double radius_px = SearchRadius_px(search, c);
+  const std::uint8_t* descriptor = landmark.descriptor.data();
+  const Eigen::Vector2d decoy = DecoyOf(search, at->px, landmark.id);
+  if (FindKeypoint(search, decoy, radius_px, at->size_px, at->angle_deg, descriptor) >= 0)
+    ++result->num_decoys, ++cell.num_decoys;
+  const int k = FindKeypoint(search, at->px, radius_px, at->size_px, at->angle_deg, descriptor);
+  if (k < 0) return;
+  ++result->num_found, ++cell.num_found;
+  Append(search.frame, search.camera, landmark, k, &result->matches);
 }
 
 }  // namespace
@@ -194,28 +204,64 @@ void KeypointGrid::Within(const Eigen::Vector2d& px, double radius_px,
 }
 
 GuidedMatches MatchGuided(const FrameFeatures& frame, const KeypointGrid& grid,
-                          const Camera& camera, const MapBundle& bundle, const LocalFrame& local,
+                          const Camera& camera, const std::vector<ReadyLandmark>& landmarks,
                           const Rigid3& cam_from_local, const Matrix6d& covariance,
                           const GuidedOptions& options) {
-  GuidedMatches result;
   const Search search{frame, grid, camera, options, cam_from_local, covariance};
-  const auto per_panorama =
-      static_cast<std::uint32_t>(bundle.views().size() / bundle.panoramas().size());
-  std::vector<std::uint32_t> views;
-  for (const std::uint32_t p :
-       NearPanoramas(bundle, local, cam_from_local.Inverse().translation, options)) {
-    for (std::uint32_t v = 0; v < per_panorama; ++v) views.push_back(p * per_panorama + v);
-  }
-  // A slot a view, folded in order: the same matches for any number of threads.
-  std::vector<GuidedMatches> parts(views.size());
-  tbb::parallel_for(std::size_t{0}, views.size(),
-                    [&](std::size_t i) { SearchView(search, bundle, views[i], local, &parts[i]); });
-  for (GuidedMatches& part : parts) {
+  // Parts folded in order: the same matches for any number of threads.
+  constexpr std::size_t kPart = 512;
+  std::vector<GuidedMatches> parts((landmarks.size() + kPart - 1) / kPart);
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
+    for (std::size_t i = part * kPart; i < std::min(landmarks.size(), (part + 1) * kPart); ++i)
+      SearchLandmark(search, landmarks[i], &parts[part]);
+  });
+  GuidedMatches result;
+  for (const GuidedMatches& part : parts) {
     result.num_visible += part.num_visible;
     result.num_found += part.num_found;
     result.num_decoys += part.num_decoys;
-    for (ViewMatches& view : part.views) result.views.push_back(std::move(view));
+    result.matches.Append(part.matches);
+    for (std::size_t c = 0; c < part.cells.size(); ++c) {
+      result.cells[c].num_visible += part.cells[c].num_visible;
+      result.cells[c].num_found += part.cells[c].num_found;
+      result.cells[c].num_decoys += part.cells[c].num_decoys;
+    }
   }
+  return result;
+}
+
+double SupportedShare(const GuidedMatches& matches) {
+  constexpr int kFewestVisible = 6;       // fewer tell nothing of a cell
+  constexpr double kLeastSupport = 0.08;  // of a cell's landmarks
+  int num_visible = 0, num_supported = 0;
+  for (const GuidedMatches::Cell& cell : matches.cells) {
+    if (cell.num_visible < kFewestVisible) continue;
+    num_visible += cell.num_visible;
+    const int beyond = cell.num_found - cell.num_decoys;
+    if (beyond >= 2 && beyond >= kLeastSupport * cell.num_visible)
+      num_supported += cell.num_visible;
+  }
+  return num_visible > 0 ? double(num_supported) / num_visible : 0;
+}
+
+ViewMatches MatchAround(const FrameFeatures& frame, const KeypointGrid& grid, const Camera& camera,
+                        const std::vector<ReadyLandmark>& landmarks, const Rigid3& cam_from_local,
+                        double radius_px, const GuidedOptions& options) {
+  constexpr std::size_t kPart = 128;
+  std::vector<ViewMatches> parts((landmarks.size() + kPart - 1) / kPart);
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
+    std::vector<int> candidates;
+    for (std::size_t i = part * kPart; i < std::min(landmarks.size(), (part + 1) * kPart); ++i) {
+      const auto at = Predict(landmarks[i], camera, cam_from_local);
+      if (!at) continue;
+      candidates.clear();
+      grid.Within(at->px, radius_px, &candidates);
+      const int k = BestOfWindow(frame, candidates, *at, landmarks[i].descriptor.data(), options);
+      if (k >= 0) Append(frame, camera, landmarks[i], k, &parts[part]);
+    }
+  });
+  ViewMatches result;
+  for (const ViewMatches& part : parts) result.Append(part);
   return result;
 }
 

@@ -3,6 +3,8 @@
 #include <map>
 #include <set>
 
+#include "common/geometry/attitude.h"
+
 namespace panofix {
 namespace {
 
@@ -11,6 +13,18 @@ constexpr double kInlierChi2 = 9.21;  // 99 % of a 2-D whitened residual
 constexpr double kMaxReprojError_px = 12.0;
 
 }  // namespace
+
+std::vector<PanoramaPrior> PriorsOf(const MatchPool& pool, const MapErrors& errors) {
+  std::set<int> panoramas;
+  for (const Correspondence& match : pool.matches) panoramas.insert(match.panorama_idx);
+  std::vector<PanoramaPrior> priors;
+  for (const int panorama : panoramas) {
+    const double heading_rad = std::max(1e-4, errors.panorama_heading_sigma_deg * kRadPerDeg);
+    priors.push_back(
+        {panorama, std::max(1e-3, errors.panorama_position_sigma_m), heading_rad, heading_rad});
+  }
+  return priors;
+}
 
 void MatchPool::Append(const ViewMatches& view) {
   matches.insert(matches.end(), view.correspondences.begin(), view.correspondences.end());

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "common/estimate/correspondence.h"
+#include "common/estimate/refine.h"
 #include "runtime/pose/frame_matches.h"
 
 namespace panofix {
@@ -14,6 +15,12 @@ struct MatchPool {
   std::vector<Correspondence> matches;
   std::vector<int> keypoint_idx;
   void Append(const ViewMatches& view);
+};
+
+// A past fix with the matches that it rests on, in the local frame of the frame at hand.
+struct PastFrame {
+  Rigid3 cam_from_local;
+  std::vector<Correspondence> matches;
 };
 
 // Whether a match's residual lies within its own covariance (99 %) and 12 px; its chi-square if so.
@@ -26,6 +33,8 @@ struct MatchPool {
 // agrees best stays, or its noise would count twice.
 [[nodiscard]] MatchPool WithoutRepeats(const MatchPool& pool, const Rigid3& cam_from_local,
                                        double focal_px);
+// The priors of the panoramas that vouch for the matches, ascending.
+[[nodiscard]] std::vector<PanoramaPrior> PriorsOf(const MatchPool& pool, const MapErrors& errors);
 // The camera's position.
 [[nodiscard]] inline Eigen::Vector3d CentreOf(const Rigid3& cam_from_local) {
   return cam_from_local.Inverse().translation;

@@ -13,6 +13,8 @@
 namespace panofix {
 namespace {
 
+constexpr double kAnyTurn_rad = 4;
+
 // A pose a view that reaches consensus, and one of all views together.
 std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, const MatchPool& pool,
                                        double focal_px, const PoseOptions& options) {
@@ -35,6 +37,22 @@ std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, co
   return hypotheses;
 }
 
+// Whether a pose is one of `poses`, near enough.
+bool IsRepeat(const Rigid3& pose, const std::vector<Rigid3>& poses, double distance_m,
+              double turn_rad) {
+  return std::any_of(poses.begin(), poses.end(), [&](const Rigid3& other) {
+    return (CentreOf(other) - CentreOf(pose)).norm() < distance_m &&
+           AngleBetween(other.rotation, pose.rotation) < turn_rad;
+  });
+}
+
+// A pose that nothing foretold needs more evidence than one that was.
+bool IsSureFind(const PoseOutcome& outcome, const PoseOptions& options) {
+  return outcome.num_inliers >= options.find_inliers && outcome.support >= options.find_support &&
+         outcome.over_chance >= options.find_over_chance &&
+         outcome.coverage >= options.find_coverage;
+}
+
 // The hypotheses worth a guided search: most keypoints first, near repeats left out, one where it
 // is sure.
 std::vector<Hypothesis> DistinctBest(std::vector<Hypothesis> hypotheses,
@@ -47,83 +65,137 @@ std::vector<Hypothesis> DistinctBest(std::vector<Hypothesis> hypotheses,
                    (!hypotheses.empty() && hypotheses[0].num_keypoints >= options.sure_inliers);
   const std::size_t most = one ? 1 : static_cast<std::size_t>(options.max_candidates);
   std::vector<Hypothesis> distinct;
+  std::vector<Rigid3> poses;
   for (const Hypothesis& h : hypotheses) {
-    const bool repeat = std::any_of(distinct.begin(), distinct.end(), [&](const Hypothesis& d) {
-      return (CentreOf(d.cam_from_local) - CentreOf(h.cam_from_local)).norm() < kSamePlace_m &&
-             AngleBetween(d.cam_from_local.rotation, h.cam_from_local.rotation) < kSameTurn_rad;
-    });
-    if (!repeat) distinct.push_back(h);
+    if (IsRepeat(h.cam_from_local, poses, kSamePlace_m, kSameTurn_rad)) continue;
+    distinct.push_back(h);
+    poses.push_back(h.cam_from_local);
     if (distinct.size() == most) break;
   }
   return distinct;
 }
 
-// The best supported candidate, gated.
-PoseOutcome FindBest(const std::vector<ViewMatches>& views, const std::vector<Rigid3>& predictions,
-                     const FrameFeatures& frame, const Camera& camera, const MapBundle& bundle,
-                     const LocalFrame& local, const PoseOptions& options) {
-  MatchPool pool;
-  for (const ViewMatches& view : views) pool.Append(view);
-  const std::vector<Hypothesis> hypotheses = FindHypotheses(views, pool, camera.fx_px, options);
-  PoseOutcome best;
-  best.covariance = Matrix6d::Zero();
-  constexpr std::size_t kFewestMatches = 12;
-  best.reason = pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus";
-  const KeypointGrid grid(frame, camera);
-  const Scene scene{frame, grid, camera, bundle, local};
-  const auto elsewhere = [&](const Rigid3& pose, const Rigid3& from) {
-    return (CentreOf(pose) - CentreOf(from)).norm() > options.elsewhere_m;
-  };
-  std::vector<PoseOutcome> candidates;
-  const auto consider = [&](const Hypothesis& hypothesis) {
-    PoseOutcome outcome = CompletePose(scene, hypothesis, pool, options);
-    if (!outcome.found) return;
-    for (const Hypothesis& h : hypotheses) {
-      if (elsewhere(h.cam_from_local, outcome.cam_from_local)) {
-        outcome.num_elsewhere = std::max(outcome.num_elsewhere, h.num_keypoints);
-      }
-    }
-    outcome.reason = FailedGate(outcome, bundle, local, options);
-    outcome.trusted = outcome.reason.empty();
-    LogCandidate(outcome, bundle, local);
-    candidates.push_back(outcome);
-    if (std::make_tuple(outcome.trusted, outcome.support, outcome.num_inliers) >
-        std::make_tuple(best.trusted, best.support, best.num_inliers)) {
-      best = outcome;
-    }
-  };
-  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) {
-    consider(hypothesis);
-    if (best.trusted && best.over_chance >= options.sure_over_chance) break;
+// Candidates of one frame, gated as they come.
+class Candidates {
+ public:
+  Candidates(const PoseContext& context, std::string reason)
+      : context_(context), grid_(context.frame, context.camera), scene_{context.frame,
+                                                                        grid_,
+                                                                        context.camera,
+                                                                        context.bundle,
+                                                                        context.stations,
+                                                                        context.local,
+                                                                        context.past} {
+    best_.covariance = Matrix6d::Zero();
+    best_.reason = std::move(reason);
   }
-  for (std::size_t i = 0; i < predictions.size() && options.use_guided && !best.trusted; ++i) {
-    consider({predictions[i], 0});
-  }
-  if (!best.trusted || !options.use_guided) return best;
+  [[nodiscard]] const Scene& scene() const { return scene_; }
+  [[nodiscard]] PoseOutcome& best() { return best_; }
+  [[nodiscard]] const std::vector<PoseOutcome>& all() const { return all_; }
 
-  // Look-alikes: what would the landmarks of the other places say?
-  const bool expected = std::any_of(predictions.begin(), predictions.end(), [&](const Rigid3& p) {
-    return (CentreOf(p) - CentreOf(best.cam_from_local)).norm() < options.predicted_m;
-  });
-  if (expected) return best;
-  int num_rivals = 0;
-  for (const Hypothesis& h : hypotheses) {
-    const bool known = std::any_of(candidates.begin(), candidates.end(), [&](const PoseOutcome& c) {
-      return !elsewhere(h.cam_from_local, c.cam_from_local);
-    });
-    if (known || num_rivals == options.max_rivals) continue;
-    ++num_rivals;
-    consider(h);
+  // `rivals` are hypotheses for the same frame.
+  void Consider(const Hypothesis& hypothesis, const MatchPool& pool,
+                const std::vector<Hypothesis>& rivals) {
+    PoseOutcome outcome = CompletePose(scene_, hypothesis, pool, context_.options);
+    if (!outcome.found) return;
+    for (const Hypothesis& h : rivals) {
+      if (IsElsewhere(h.cam_from_local, outcome.cam_from_local) &&
+          IsOpen(h.cam_from_local, outcome.cam_from_local))
+        outcome.num_elsewhere = std::max(outcome.num_elsewhere, h.num_keypoints);
+    }
+    outcome.station_distance_m = StationDistance_m(outcome.cam_from_local);
+    outcome.reason = FailedGate(outcome, context_.bundle, context_.local, context_.options);
+    outcome.trusted = outcome.reason.empty();
+    LogCandidate(outcome, context_.bundle, context_.local);
+    all_.push_back(outcome);
+    if (std::make_tuple(outcome.trusted, outcome.support, outcome.num_inliers) >
+        std::make_tuple(best_.trusted, best_.support, best_.num_inliers)) {
+      best_ = outcome;
+    }
   }
-  for (const PoseOutcome& c : candidates) {
-    if (elsewhere(c.cam_from_local, best.cam_from_local))
+
+  // Whether the past leaves it open that the vehicle is at `other` rather than at `pose`.
+  [[nodiscard]] bool IsOpen(const Rigid3& other, const Rigid3& pose) const {
+    if (!context_.prior) return true;
+    const auto belief = [&](const Rigid3& at) {
+      return context_.prior(context_.local.ToMap(CentreOf(at)));
+    };
+    return belief(other) > context_.options.min_prior_share * belief(pose);
+  }
+
+  // From the nearest station, horizontally; far away where there is none.
+  [[nodiscard]] double StationDistance_m(const Rigid3& cam_from_local) const {
+    constexpr double kFar_m = 100;
+    const Eigen::Vector3d position = context_.local.ToMap(CentreOf(cam_from_local));
+    const auto nearest = context_.stations.Near(position, kFar_m, 1);
+    if (nearest.empty()) return kFar_m;
+    return (context_.stations.position_in_map(nearest.front()) - position).head<2>().norm();
+  }
+
+  [[nodiscard]] bool IsElsewhere(const Rigid3& pose, const Rigid3& from) const {
+    return (CentreOf(pose) - CentreOf(from)).norm() > context_.options.elsewhere_m;
+  }
+
+ private:
+  const PoseContext& context_;
+  const KeypointGrid grid_;
+  const Scene scene_;
+  PoseOutcome best_;
+  std::vector<PoseOutcome> all_;
+};
+
+// Looks for landmarks around a rough pose; a consensus among them becomes a candidate.
+void ConsiderAround(const PoseContext& context, const Rigid3& rough, double radius_px,
+                    const std::vector<Hypothesis>& rivals, Candidates* candidates) {
+  RansacOptions ransac = context.options.ransac;
+  ransac.minimal_solver = MinimalSolver::kP3p;
+  const MatchPool pool = MatchNear(candidates->scene(), rough, radius_px, context.options);
+  const RansacResult found = EstimatePoseRansac(pool.matches, ransac);
+  if (!found.success) return;
+  const int num_keypoints = CountKeypoints(pool, found.cam_from_map, context.camera.fx_px);
+  candidates->Consider({found.cam_from_map, num_keypoints}, pool, rivals);
+}
+
+// Look-alikes: what would the landmarks of the other places say?
+void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>& views,
+                     const std::vector<Hypothesis>& hypotheses, const MatchPool& pool,
+                     Candidates* candidates) {
+  const PoseOptions& options = context.options;
+  const Rigid3 found = candidates->best().cam_from_local;
+  int num_rivals = 0;
+  const auto is_known = [&](const Rigid3& pose) {
+    return std::any_of(candidates->all().begin(), candidates->all().end(), [&](const auto& c) {
+      return !candidates->IsElsewhere(pose, c.cam_from_local);
+    });
+  };
+  for (const Hypothesis& h : hypotheses) {
+    if (num_rivals == options.max_rivals) break;
+    if (is_known(h.cam_from_local)) continue;
+    ++num_rivals;
+    candidates->Consider(h, pool, hypotheses);
+  }
+  // Retrieval knows of places that no consensus has led to.
+  std::vector<Rigid3> tried;
+  for (const ViewMatches& view : views) {
+    const Rigid3 rough = PoseOfView(context.bundle, context.local, view.view_idx);
+    if (static_cast<int>(tried.size()) == options.max_rivals) break;
+    if ((CentreOf(rough) - CentreOf(found)).norm() < options.rival_place_m ||
+        IsRepeat(rough, tried, options.rival_place_m, kAnyTurn_rad)) {
+      continue;
+    }
+    tried.push_back(rough);
+    ConsiderAround(context, rough, options.around_view_px, hypotheses, candidates);
+  }
+  PoseOutcome& best = candidates->best();
+  for (const PoseOutcome& c : candidates->all()) {
+    if (candidates->IsElsewhere(c.cam_from_local, best.cam_from_local) &&
+        candidates->IsOpen(c.cam_from_local, best.cam_from_local))
       best.rival_support = std::max(best.rival_support, c.support);
   }
   if (best.rival_support > options.max_rival_share * best.support) {
     best.trusted = false;
     best.reason = "ambiguous_place";
   }
-  return best;
 }
 
 }  // namespace
@@ -138,13 +210,64 @@ void PoseOptions::Check() const {
     throw std::invalid_argument(Format("min_inliers = %d; must be at least 6", min_inliers));
 }
 
-PoseOutcome EstimatePose(const std::vector<ViewMatches>& views,
-                         const std::vector<Rigid3>& predictions, const FrameFeatures& frame,
-                         const Camera& camera, const MapBundle& bundle, const LocalFrame& local,
-                         const PoseOptions& options) {
-  PoseOutcome best = FindBest(views, predictions, frame, camera, bundle, local, options);
-  if (!best.trusted) return best;
-  DegradeDoubtful(options, &best);
+PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatches>& views) {
+  // Views of neighbouring stations in one direction start the same search.
+  constexpr double kNextStation_m = 3.5, kNextView_rad = 0.5;
+  const PoseOptions& options = context.options;
+  MatchPool pool;
+  for (const ViewMatches& view : views) {
+    pool.Append(view);
+    const MapView& v = context.bundle.views()[view.view_idx];
+    LogDebug(Format("retrieved %s station %u yaw %g: %zu matches",
+                    context.bundle.panoramas()[v.panorama_idx].id.c_str(),
+                    v.station_idx - context.bundle.first_station(v.panorama_idx), v.yaw_deg,
+                    view.correspondences.size()));
+  }
+  const std::vector<Hypothesis> hypotheses =
+      FindHypotheses(views, pool, context.camera.fx_px, options);
+  constexpr std::size_t kFewestMatches = 12;
+  Candidates candidates(context,
+                        pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus");
+  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) {
+    candidates.Consider(hypothesis, pool, hypotheses);
+    if (candidates.best().trusted && candidates.best().over_chance >= options.sure_over_chance)
+      break;
+  }
+  std::vector<Rigid3> tried_poses;
+  for (std::size_t i = 0; options.use_guided && !candidates.best().trusted && i < views.size();
+       ++i) {
+    // A retrieved view's own pose is a rough one of the camera.
+    const Rigid3 rough = PoseOfView(context.bundle, context.local, views[i].view_idx);
+    if (static_cast<int>(tried_poses.size()) == options.max_view_poses) break;
+    if (IsRepeat(rough, tried_poses, kNextStation_m, kNextView_rad)) continue;
+    tried_poses.push_back(rough);
+    ConsiderAround(context, rough, options.around_view_px, hypotheses, &candidates);
+  }
+  PoseOutcome& best = candidates.best();
+  if (best.trusted && options.use_guided)
+    RefuseLookAlike(context, views, hypotheses, pool, &candidates);
+  if (best.trusted && options.use_guided && !IsSureFind(best, options)) {
+    best.trusted = false;
+    best.reason = "unconfirmed";
+  }
+  if (best.trusted) DegradeDoubtful(options, &best);
+  return best;
+}
+
+PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& predictions) {
+  Candidates candidates(context, "no_consensus");
+  PoseOutcome& best = candidates.best();
+  for (const Rigid3& prediction : predictions) {
+    ConsiderAround(context, prediction, context.options.around_px, {}, &candidates);
+    if (!best.trusted) continue;
+    if ((CentreOf(best.cam_from_local) - CentreOf(prediction)).norm() <
+        context.options.max_track_shift_m) {
+      break;
+    }
+    best.trusted = false;
+    best.reason = "jump";
+  }
+  if (best.trusted) DegradeDoubtful(context.options, &best);
   return best;
 }
 

@@ -2,21 +2,39 @@
 // The frame's pose from all its views' matches: per-view search, guided search, refinement, local
 // bundle adjustment, gates.
 
+#include <functional>
 #include <vector>
 
 #include "common/map/map_bundle.h"
 #include "runtime/pose/frame_matches.h"
+#include "runtime/pose/match_pool.h"
 #include "runtime/pose/pose_options.h"
 
 namespace panofix {
 
-// `views` are matched in the frame `local`. `predictions` (cam_from_local, likeliest first) are
-// tried where the matches lead to no trusted pose; they pass the same gates. Deterministic; never
-// throws on data.
-[[nodiscard]] PoseOutcome EstimatePose(const std::vector<ViewMatches>& views,
-                                       const std::vector<Rigid3>& predictions,
-                                       const FrameFeatures& frame, const Camera& camera,
-                                       const MapBundle& bundle, const LocalFrame& local,
-                                       const PoseOptions& options);
+// What a frame is localized with.
+struct PoseContext {
+  const FrameFeatures& frame;
+  const Camera& camera;
+  const MapBundle& bundle;
+  const StationGrid& stations;
+  const LocalFrame& local;
+  const PoseOptions& options;
+  // What the past says of a place: belief, in [0, 1], that the vehicle is near a position of the
+  // map.
+  std::function<double(const Eigen::Vector3d& position_in_map)> prior;
+  // Last fixes that join the final adjustment, older first.
+  std::vector<PastFrame> past = {};
+};
+
+// From retrieved views, matched in the context's local frame. Of look-alikes the one that the past
+// speaks for is taken, or none. Deterministic; never throws on data.
+[[nodiscard]] PoseOutcome EstimatePose(const PoseContext& context,
+                                       const std::vector<ViewMatches>& views);
+
+// From predictions alone, likeliest first: landmarks are looked for around where they must be. The
+// first pose that passes every gate is taken. Needs guided matching.
+[[nodiscard]] PoseOutcome TrackPose(const PoseContext& context,
+                                    const std::vector<Rigid3>& predictions);
 
 }  // namespace panofix

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "common/estimate/focal_check.h"
 #include "common/estimate/pnp.h"
 #include "common/estimate/refine.h"
 #include "runtime/pose/guided_matching.h"
@@ -16,19 +17,39 @@ struct PoseOptions {
   RansacOptions ransac;  // a view's search; the focal length and seed are set by the caller
   RefineOptions refine;
   BundleOptions bundle;
+  // Last fixes whose matches join the final adjustment. Off: on generated drives the median error
+  // moved by about a centimetre at most, either way, and the sigmas grew more optimistic.
+  std::size_t past_frames = 0;
+  double past_age_s = 3;   // none older
   bool use_guided = true;  // search landmarks around the first pose; needs RootSIFT
   GuidedOptions guided;
+  LandmarkSetOptions landmarks;
+  double around_px = 130;  // window around a prediction: a turn of some degrees, a metre or two
+  double around_view_px =
+      300;                   // and around a retrieved view's own pose: half the step between views
+  int max_view_poses = 5;    // retrieved views whose poses are tried so
   int min_view_inliers = 8;  // consensus that makes a view's pose a hypothesis
   int min_inliers = 16;      // distinct keypoints that agree with the final pose
   double min_spread = 0.05;  // of the inliers over the image: 1 = uniform (see ImageSpread)
   double min_lead = 1.5;     // inliers over those of the best pose elsewhere: look-alikes end here
   double elsewhere_m = 4.0;  // what counts as elsewhere
-  // A pose elsewhere with this share of the support is a look-alike: no fix, unless a prediction
-  // tells them apart.
-  double max_rival_share = 0.5;
-  int max_rivals = 3;        // poses elsewhere that are looked at
-  double predicted_m = 8.0;  // a pose this near to a prediction is the expected one
-  int guided_rounds = 3;     // searches, each from the pose of the last, in windows half as wide
+  // A pose elsewhere with this share of the support is a look-alike: no fix, unless the past tells
+  // them apart: a place with less than this share of the other's prior is out of the question.
+  double min_prior_share = 0.05;
+  double rival_place_m = 8;  // places of retrieval so far from each other are asked
+  // What a pose must show that no prediction led to.
+  int find_inliers = 30;
+  double find_support = 0.08;
+  double find_over_chance = 8;
+  double find_coverage = 0.35;
+  // What the map has twice tells no place: the share of votes that a pose's keypoints gather
+  // elsewhere (LandmarkVotes::VotesElsewhere), of the first pose of a run and of the run so far.
+  double find_alias_share = 0.25;
+  double max_alias_share = 0.38;
+  double max_track_shift_m = 4;  // of a pose from the prediction that led to it
+  double max_rival_share = 0.35;
+  int max_rivals = 4;     // poses elsewhere that are looked at
+  int guided_rounds = 3;  // searches, each from the pose of the last, in windows half as wide
   // A pose whose support is not this far over chance is compared with poses beside it first.
   double sure_over_chance = 8.0;
   double climb_step_m = 0.7;  // step of that comparison, halved as it ends
@@ -45,6 +66,9 @@ struct PoseOptions {
   double fix_agreement = 0.5;
   double sure_agreement = 0.58;  // asked where over_chance is below sure_over_chance
   double fix_over_chance = 4.5;
+  // So far from the nearest station landmarks are seen from one side only, far away and all with
+  // the same errors.
+  double fix_station_distance_m = 6;
   double degraded_sigma_factor = 10;
   double max_position_sigma_m = 1.0;  // beyond, no fix
   double fix_position_sigma_m = 0.5;  // beyond, only degraded
@@ -65,14 +89,19 @@ struct PoseOutcome {
   Matrix6d covariance;  // of the camera's pose in the local frame
   int num_inliers = 0;  // distinct keypoints
   double support = 0;   // share of visible landmarks found beyond chance; 0 without guided matching
-  double over_chance = 0;  // landmarks found over those found in decoy windows
-  double spread = 0;       // ImageSpread of the inliers
+  double over_chance = 0;         // landmarks found over those found in decoy windows
+  double coverage = 0;            // SupportedShare of the last guided search
+  double station_distance_m = 0;  // from the nearest station
+  double spread = 0;              // ImageSpread of the inliers
   double chi2_per_dof = 0;
+  FocalCheck focal;                  // what the matches say of the stated focal length
   double agreement = 0;              // share of the guided matches that agree with the pose
   int num_elsewhere = 0;             // inliers of the best pose elsewhere, before guided matching
   double rival_support = 0;          // support of the best pose elsewhere
   std::vector<std::uint32_t> views;  // views with inliers, most first
   std::uint32_t best_view = 0;
+  std::vector<int> agreed_keypoints;   // of the frame, one a match of `agreed`
+  std::vector<Correspondence> agreed;  // matches of the final adjustment that agree with the pose
 };
 
 }  // namespace panofix

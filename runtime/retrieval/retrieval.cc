@@ -1,53 +1,128 @@
 #include "runtime/retrieval/retrieval.h"
 
 #include <algorithm>
+#include <unordered_map>
 
 namespace panofix {
-namespace {
 
-void KeepBest(std::vector<RetrievedView>* views, int count) {
-  const auto better = [](const RetrievedView& a, const RetrievedView& b) {
+Retrieval::Retrieval(std::shared_ptr<const MapBundle> bundle, const RetrievalOptions& options)
+    : bundle_(std::move(bundle)),
+      options_(options),
+      index_(bundle_->bags(), bundle_->vocabulary().num_words()) {
+  if (options_.use_landmarks)
+    votes_ = std::make_unique<const LandmarkVotes>(bundle_, VoteOptions{});
+}
+
+std::vector<float> Retrieval::Similarities(const RetrievalQuery& query,
+                                           const std::vector<char>& wanted) const {
+  std::vector<float> scores;
+  if (wanted.empty()) {
+    scores = index_.Score(query.bag);
+  } else {
+    scores.assign(wanted.size(), 0);
+    for (std::size_t v = 0; v < wanted.size(); ++v) {
+      if (wanted[v] != 0) scores[v] = Similarity(query.bag, bundle_->bags()[v]);
+    }
+  }
+  if (votes_ == nullptr) return scores;
+  const std::vector<float> votes = votes_->Score(query.sift, query.bearings, query.camera, wanted);
+  constexpr float kManyVotes = 2;  // as good as half of the range
+  for (std::size_t v = 0; v < scores.size(); ++v)
+    scores[v] = 0.5F * scores[v] + 0.5F * votes[v] / (votes[v] + kManyVotes);
+  return scores;
+}
+
+RetrievalResult Retrieval::Best(const std::vector<float>& similarities) const {
+  std::vector<RetrievedView> views;
+  for (std::uint32_t v = 0; v < similarities.size(); ++v) {
+    if (similarities[v] > 0) views.push_back({v, similarities[v]});
+  }
+  std::sort(views.begin(), views.end(), [](const RetrievedView& a, const RetrievedView& b) {
     return a.similarity > b.similarity || (a.similarity == b.similarity && a.view_idx < b.view_idx);
-  };
-  const std::size_t keep = std::min(views->size(), static_cast<std::size_t>(std::max(0, count)));
-  std::partial_sort(views->begin(), views->begin() + static_cast<std::ptrdiff_t>(keep),
-                    views->end(), better);
-  views->resize(keep);
+  });
+  std::unordered_map<std::uint32_t, int> taken;
+  RetrievalResult result;
+  for (const RetrievedView& view : views) {
+    if (static_cast<int>(result.views.size()) >= options_.num_views) break;
+    int& count = taken[bundle_->views()[view.view_idx].panorama_idx];
+    if (count++ < options_.max_views_per_panorama) result.views.push_back(view);
+  }
+  return result;
 }
 
-}  // namespace
-
-Retrieval::Retrieval(std::shared_ptr<const MapBundle> bundle)
-    : bundle_(std::move(bundle)), index_(bundle_->bags(), bundle_->vocabulary().num_words()) {}
-
-RetrievalResult Retrieval::Global(const BagOfWords& query, int count) const {
-  const std::vector<float> scores = index_.Score(query);
-  RetrievalResult result;
+RetrievalResult Retrieval::Global(const RetrievalQuery& query,
+                                  std::vector<float>* best_of_panorama) const {
+  const std::vector<float> scores = Similarities(query, {});
+  RetrievalResult result = Best(scores);
   result.num_compared = static_cast<std::int64_t>(scores.size());
-  for (std::uint32_t v = 0; v < scores.size(); ++v) {
-    if (scores[v] > 0) result.views.push_back({v, scores[v]});
+  if (best_of_panorama == nullptr) return result;
+  best_of_panorama->assign(bundle_->panoramas().size(), 0);
+  for (std::size_t v = 0; v < scores.size(); ++v) {
+    float& best = (*best_of_panorama)[bundle_->views()[v].panorama_idx];
+    best = std::max(best, scores[v]);
   }
-  KeepBest(&result.views, count);
   return result;
 }
 
-RetrievalResult Retrieval::Windowed(const BagOfWords& query, std::span<const std::uint32_t> around,
-                                    int count) const {
-  std::vector<std::uint32_t> candidates(around.begin(), around.end());
+RetrievalResult Retrieval::Windowed(const RetrievalQuery& query,
+                                    std::span<const std::uint32_t> around,
+                                    std::span<const std::uint32_t> places) const {
+  std::vector<char> wanted(bundle_->views().size(), 0);
+  const auto want = [&](std::uint32_t panorama) {
+    std::fill(wanted.begin() + bundle_->first_station(panorama) * bundle_->views_per_station(),
+              wanted.begin() + bundle_->first_station(panorama + 1) * bundle_->views_per_station(),
+              1);
+  };
+  for (const std::uint32_t place : places) want(place);
   for (const std::uint32_t view : around) {
-    const auto row = bundle_->SimilarViews(view);
-    candidates.insert(candidates.end(), row.begin(), row.end());
+    want(bundle_->views()[view].panorama_idx);
+    for (const std::uint32_t similar : bundle_->SimilarViews(view))
+      want(bundle_->views()[similar].panorama_idx);
   }
-  std::sort(candidates.begin(), candidates.end());
-  candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
-  RetrievalResult result;
-  result.num_compared = static_cast<std::int64_t>(candidates.size());
-  for (const std::uint32_t view : candidates) {
-    const float similarity = Similarity(query, bundle_->bags()[view]);
-    if (similarity > 0) result.views.push_back({view, similarity});
-  }
-  KeepBest(&result.views, count);
+  RetrievalResult result = Best(Similarities(query, wanted));
+  result.num_compared = std::count(wanted.begin(), wanted.end(), 1);
   return result;
+}
+
+RetrievalResult Retrieval::InRows(const RetrievalQuery& query,
+                                  std::span<const std::uint32_t> around, bool ranked) const {
+  const std::uint32_t per_station = bundle_->views_per_station();
+  std::vector<char> wanted(around.empty() ? 0 : bundle_->views().size(), 0);
+  const auto want = [&](std::uint32_t view) {
+    const std::uint32_t panorama = bundle_->views()[view].panorama_idx;
+    for (std::uint32_t s = bundle_->first_station(panorama);
+         s < bundle_->first_station(panorama + 1); ++s) {
+      wanted[s * per_station + view % per_station] = 1;
+    }
+  };
+  for (const std::uint32_t view : around) {
+    want(view);
+    for (const std::uint32_t similar : bundle_->SimilarViews(view)) want(similar);
+  }
+  const std::vector<float> scores = Similarities(query, wanted);
+  RetrievalResult result = ranked ? Best(scores) : BestAndItsRow(scores);
+  result.num_compared = around.empty() ? static_cast<std::int64_t>(scores.size())
+                                       : std::count(wanted.begin(), wanted.end(), 1);
+  return result;
+}
+
+RetrievalResult Retrieval::BestAndItsRow(const std::vector<float>& similarities) const {
+  RetrievalResult result;
+  const auto best = std::max_element(similarities.begin(), similarities.end());
+  if (best == similarities.end() || !(*best > 0)) return result;
+  const auto view = static_cast<std::uint32_t>(best - similarities.begin());
+  result.views.push_back({view, *best});
+  for (const std::uint32_t similar : bundle_->SimilarViews(view)) {
+    if (static_cast<int>(result.views.size()) == options_.num_similar) break;
+    result.views.push_back({similar, similarities[similar]});
+  }
+  return result;
+}
+
+LandmarkVotes::AliasVotes Retrieval::VotesElsewhere(const RetrievalQuery& query,
+                                                    const LandmarkVotes::Support& support) const {
+  if (votes_ == nullptr) return {1, 0};
+  return votes_->VotesElsewhere(query.sift, query.bearings, query.camera, support);
 }
 
 }  // namespace panofix

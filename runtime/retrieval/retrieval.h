@@ -1,5 +1,6 @@
 #pragma once
-// Which database views may show what the camera sees: bag-of-words search, global or windowed.
+// Which database views may show what the camera sees: bags of words and landmarks, global or
+// windowed.
 
 #include <cstdint>
 #include <memory>
@@ -7,12 +8,13 @@
 #include <vector>
 
 #include "common/map/map_bundle.h"
+#include "runtime/retrieval/landmark_votes.h"
 
 namespace panofix {
 
 struct RetrievedView {
   std::uint32_t view_idx = 0;
-  float similarity = 0;  // cosine, [0, 1]
+  float similarity = 0;  // [0, 1]
 };
 
 struct RetrievalResult {
@@ -20,20 +22,54 @@ struct RetrievalResult {
   std::int64_t num_compared = 0;     // views that were scored
 };
 
-// Immutable; thread-safe. Holds the inverted index of a bundle.
+struct RetrievalOptions {
+  int num_views = 16;              // handed on to matching
+  int max_views_per_panorama = 4;  // its stations show the same: places are wanted, not views
+  bool use_landmarks = true;       // votes of landmarks beside the bags of words
+  int num_similar = 8;             // k of the paper: the best view and k - 1 similar ones
+};
+
+// What a frame is looked up with.
+struct RetrievalQuery {
+  const BagOfWords& bag;
+  const FeatureSet& sift;
+  std::span<const Eigen::Vector2d> bearings;  // of the keypoints, (x/z, y/z)
+  const Camera& camera;
+};
+
+// Immutable; thread-safe. Holds the inverted indices of a bundle.
 class Retrieval {
  public:
-  explicit Retrieval(std::shared_ptr<const MapBundle> bundle);
-  // The `count` most similar of all views.
-  [[nodiscard]] RetrievalResult Global(const BagOfWords& query, int count) const;
-  // The same among the union of the D_DB x r rows of `around`, and `around` itself (paper, section
-  // III-B: an ordinary frame searches only there).
-  [[nodiscard]] RetrievalResult Windowed(const BagOfWords& query,
-                                         std::span<const std::uint32_t> around, int count) const;
+  Retrieval(std::shared_ptr<const MapBundle> bundle, const RetrievalOptions& options);
+  // The most similar of all views. `best_of_panorama`, where given, receives the similarity of each
+  // panorama's best view.
+  [[nodiscard]] RetrievalResult Global(const RetrievalQuery& query,
+                                       std::vector<float>* best_of_panorama = nullptr) const;
+  // The same among the views of all stations of the panoramas of the D_DB x r rows of `around`
+  // (paper, section III-B: an ordinary frame searches only there) and of `places`.
+  [[nodiscard]] RetrievalResult Windowed(const RetrievalQuery& query,
+                                         std::span<const std::uint32_t> around,
+                                         std::span<const std::uint32_t> places) const;
+
+  // Among `around` and their rows of D_DB x r alone (all views where it is empty); a view of a
+  // panorama stands for those of its virtual stations in its direction. Ranked as above, or the
+  // paper's candidates: the most similar view and the first k - 1 of its own row.
+  [[nodiscard]] RetrievalResult InRows(const RetrievalQuery& query,
+                                       std::span<const std::uint32_t> around, bool ranked) const;
+
+  // LandmarkVotes::VotesElsewhere; all its own where landmarks do not vote.
+  [[nodiscard]] LandmarkVotes::AliasVotes VotesElsewhere(
+      const RetrievalQuery& query, const LandmarkVotes::Support& support) const;
 
  private:
+  [[nodiscard]] RetrievalResult BestAndItsRow(const std::vector<float>& similarities) const;
+  [[nodiscard]] std::vector<float> Similarities(const RetrievalQuery& query,
+                                                const std::vector<char>& wanted) const;
+  [[nodiscard]] RetrievalResult Best(const std::vector<float>& similarities) const;
   std::shared_ptr<const MapBundle> bundle_;
+  RetrievalOptions options_;
   InvertedIndex index_;
+  std::unique_ptr<const LandmarkVotes> votes_;
 };
 
 }  // namespace panofix

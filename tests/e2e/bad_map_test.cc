@@ -67,11 +67,17 @@ TEST_F(BadBundle, ATruncatedOrMissingPartIsFound) {
 }
 
 TEST_F(BadBundle, ANewerMajorVersionIsToldApart) {
-  ReplaceInFile(bundle_ / "manifest.json", "\"major\": 1", "\"major\": 2");
+  ReplaceInFile(bundle_ / "manifest.json", "\"major\": 2", "\"major\": 3");
   // Stamped or not: a newer format may hash another way.
-  ExpectBothRefuse(kBadVersion, {"manifest.json", "bundle format 2", "update panofix"});
+  ExpectBothRefuse(kBadVersion, {"manifest.json", "bundle format 3", "update panofix"});
   Rehash();
-  ExpectBothRefuse(kBadVersion, {"manifest.json", "bundle format 2", "update panofix"});
+  ExpectBothRefuse(kBadVersion, {"manifest.json", "bundle format 3", "update panofix"});
+}
+
+TEST_F(BadBundle, AnOlderMajorVersionMustBeBuiltAgain) {
+  ReplaceInFile(bundle_ / "manifest.json", "\"major\": 2", "\"major\": 1");
+  Rehash();
+  ExpectBothRefuse(kBadVersion, {"manifest.json", "bundle format 1", "build the bundle again"});
 }
 
 TEST_F(BadBundle, ANewerMinorVersionIsRead) {

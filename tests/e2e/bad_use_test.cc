@@ -36,6 +36,14 @@ TEST(BadUse, UnknownWordsAndValuesAreNamed) {
                 kWrongUse, {"kml", "csv, tum, geojson or gpx"});
   ExpectRefused(Data().Localize(SharedData().bundle, Data().drive(), out, {"--threads", "-1"}),
                 kWrongUse, {"num_threads = -1"});
+  ExpectRefused(Data().Localize(SharedData().bundle, Data().drive(), out,
+                                {"--preset", "paper", "--add", "pooled,luck"}),
+                kWrongUse, {"luck", "pooled"});
+  ExpectRefused(Data().Localize(SharedData().bundle, Data().drive(), out,
+                                {"--preset", "paper", "--add", "guided"}),
+                kWrongUse, {"guided", "pooled"});
+  ExpectRefused(Data().Localize(SharedData().bundle, Data().drive(), out, {"--preset", "paper"}),
+                kWrongUse, {"--keep-view-images"});
   ExpectRefused(Runtime({"play", "--drive", Data().drive().string(), "--bind", "tcp://*:5601",
                          "--rate", "0"}),
                 kWrongUse, {"rate_hz 0", "0.01..1000"});

@@ -64,9 +64,11 @@ TEST_F(Chain, InspectSaysWhatTheBundleIs) {
   const Json json = Json::parse(outcome.output);
   const Json& manifest = json["manifest"];
   EXPECT_EQ(manifest["counts"]["panoramas"], kNumPanoramas);
-  EXPECT_EQ(manifest["counts"]["views"], 8 * kNumPanoramas);
+  // One rendered station in the middle of each gap, and one beyond each end.
+  EXPECT_EQ(manifest["counts"]["stations"], 2 * kNumPanoramas + 1);
+  EXPECT_EQ(manifest["counts"]["views"], 8 * (2 * kNumPanoramas + 1));
   EXPECT_EQ(manifest["counts"]["set_aside"], 0);
-  EXPECT_GT(manifest["counts"]["features"], 1000);
+  EXPECT_GT(manifest["counts"]["landmarks"], 1000);
   EXPECT_EQ(manifest["name"], "map");
   EXPECT_EQ(manifest["provenance"]["source"], "panofix-town, seed 4");
   EXPECT_EQ(json["coverage"]["panoramas_with_depth"], kNumPanoramas);

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 namespace panofix::e2e {
 
 namespace fs = std::filesystem;
@@ -19,8 +21,13 @@ Outcome TownData::Build(const fs::path& panoramas, const fs::path& out,
       "build", "--panoramas", panoramas.string(), "--camera", camera().string(),
       "--out", out.string(),  "--sift-words",     "500",      "--mser-words",
       "200"};
-  const bool has_work = std::find(options.begin(), options.end(), "--work") != options.end();
-  if (!has_work) arguments.insert(arguments.end(), {"--work", (root() / "work").string()});
+  const auto given = [&](const char* option) {
+    return std::find(options.begin(), options.end(), option) != options.end();
+  };
+  // Rendered views are slow: fewer of them, unless the test says otherwise.
+  if (!given("--station-spacing-m") && !given("--preset"))
+    arguments.insert(arguments.end(), {"--station-spacing-m", "5"});
+  if (!given("--work")) arguments.insert(arguments.end(), {"--work", (root() / "work").string()});
   arguments.insert(arguments.end(), options.begin(), options.end());
   return Builder(arguments);
 }

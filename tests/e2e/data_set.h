@@ -27,7 +27,8 @@ class TownData {
   [[nodiscard]] std::filesystem::path drive() const { return town() / "drive"; }
   [[nodiscard]] std::filesystem::path panoramas() const { return town() / "panoramas.geojson"; }
   [[nodiscard]] std::filesystem::path camera() const { return town() / "camera.yaml"; }
-  // panofix-builder build of `panoramas` into `out`; small vocabularies, one shared work folder.
+  // panofix-builder build of `panoramas` into `out`; small vocabularies, stations 5 m apart, one
+  // shared work folder.
   [[nodiscard]] Outcome Build(const std::filesystem::path& panoramas,
                               const std::filesystem::path& out,
                               const std::vector<std::string>& options = {}) const;

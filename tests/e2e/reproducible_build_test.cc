@@ -62,10 +62,11 @@ class ReproducibleBuild : public testing::Test {
   }
   // Starts a build and interrupts it once a panorama is done; false where it was done before.
   static bool Interrupt(const std::string& name) {
-    Process build(BuilderCommand(
-        {"build", "--panoramas", data_->panoramas().string(), "--camera", data_->camera().string(),
-         "--out", (data_->root() / name).string(), "--name", "town", "--work", Work(name).string(),
-         "--sift-words", "500", "--mser-words", "200", "--threads", "1"}));
+    Process build(
+        BuilderCommand({"build", "--panoramas", data_->panoramas().string(), "--camera",
+                        data_->camera().string(), "--out", (data_->root() / name).string(),
+                        "--name", "town", "--work", Work(name).string(), "--sift-words", "500",
+                        "--mser-words", "200", "--station-spacing-m", "5", "--threads", "1"}));
     while (NumFiles(Work(name) / "features") == 0 && build.Running()) {
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
@@ -122,12 +123,16 @@ TEST_F(ReproducibleBuild, ABuildOverAnEarlierOneReusesItsWork) {
   ExpectReference(BuildAs("reference", data_->panoramas(), {"--threads", "2"}));
   const Json report = ReadJson(data_->root() / "reference.report.json");
   EXPECT_EQ(report["stages"][1]["num_reused"], 5);
+  EXPECT_EQ(report["stages"][2]["name"], "augment");
+  EXPECT_EQ(report["stages"][2]["num_reused"], NumFiles(Work("reference") / "stations"));
+  EXPECT_GE(NumFiles(Work("reference") / "stations"), 3U);
 }
 
 // A work file is worth no more than its bytes: a damaged one is made again.
 TEST_F(ReproducibleBuild, ADamagedWorkFileIsMadeAgain) {
   CopyFolder(Work("reference"), Work("damaged"));
-  TruncateFile(fs::directory_iterator(Work("damaged") / "features")->path(), 0.5);
+  for (const char* folder : {"features", "stations"})
+    TruncateFile(fs::directory_iterator(Work("damaged") / folder)->path(), 0.5);
   ExpectReference(BuildAs("damaged", data_->panoramas(), {}));
 }
 
@@ -139,15 +144,18 @@ TEST_F(ReproducibleBuild, ATrailingSlashNamesTheSameFolder) {
   ExpectReference(ReadTree(data_->root() / "slash"));
 }
 
-// The control: what does differ shows, and only where it belongs.
+// The control: what does differ shows, and only where it belongs. Without joint refinement and
+// rendered views poses are in the graph alone.
 TEST_F(ReproducibleBuild, AMovedPanoramaChangesTheGraphAlone) {
+  const Files paper = BuildAs("paper", data_->panoramas(), {"--preset", "paper"});
   Json set = ReadJson(data_->panoramas());
   Json& longitude_deg = set["features"][2]["geometry"]["coordinates"][0];
   longitude_deg = longitude_deg.get<double>() + 1e-7;
-  CopyFolder(Work("reference"), Work("moved"));
-  const Files moved = BuildAs("moved", WriteDataSet(*data_, "moved.geojson", set), {});
-  ASSERT_EQ(moved.size(), reference_.size());
-  for (const auto& [path, bytes] : reference_) {
+  CopyFolder(Work("paper"), Work("moved"));
+  const Files moved =
+      BuildAs("moved", WriteDataSet(*data_, "moved.geojson", set), {"--preset", "paper"});
+  ASSERT_EQ(moved.size(), paper.size());
+  for (const auto& [path, bytes] : paper) {
     const bool names_poses = path == "graph.h5" || path.starts_with("manifest.json");
     EXPECT_EQ(moved.at(path) != bytes, names_poses) << path;
   }
@@ -155,7 +163,7 @@ TEST_F(ReproducibleBuild, AMovedPanoramaChangesTheGraphAlone) {
     return Json::parse(files.at("manifest.json"))["provenance"]["data_set_sha256"]
         .get<std::string>();
   };
-  EXPECT_NE(hash_of(moved), hash_of(reference_));
+  EXPECT_NE(hash_of(moved), hash_of(paper));
 }
 
 TEST_F(ReproducibleBuild, AnotherSeedTrainsAnotherVocabulary) {

@@ -47,6 +47,7 @@ TEST_F(ExtractPanoramaTest, PointsLieOnTheRoomAlongTheirKeypointsRays) {
   ASSERT_TRUE(features.ok()) << features.status().message();
   EXPECT_TRUE(features->has_depth);
   EXPECT_EQ(features->depth_fault, "");
+  EXPECT_EQ(features->sources, std::vector<std::string>{"p"});
   EXPECT_EQ(features->planes.size(), 6U);
   ASSERT_EQ(features->views.size(), 4U);
   int num_points = 0;
@@ -58,6 +59,7 @@ TEST_F(ExtractPanoramaTest, PointsLieOnTheRoomAlongTheirKeypointsRays) {
     for (std::size_t i = 0; i < view.sift.size(); ++i) {
       if (view.points[i].range_sigma_m == 0) continue;
       ++num_points;
+      EXPECT_EQ(view.points[i].source_idx, 0);
       const Eigen::Vector3d point = view.points[i].point_in_pano.cast<double>();
       // Back through the view's camera, 90 degrees of yaw a view, clockwise.
       const double yaw = 90.0 * static_cast<double>(v) * kRadPerDeg;

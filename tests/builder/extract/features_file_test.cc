@@ -24,12 +24,14 @@ PanoramaFeatures Sample() {
   features.has_depth = true;
   features.depth_fault = "x.gsv: half of it is missing";
   features.planes = {{{0, 0, 0}, 0}, {{0, 0, -1}, 2.5F}};
+  features.sources = {"itself", "neighbour é"};
   for (const std::size_t count : {5, 0, 3}) {
     ViewFeatureSet view;
     view.sift = RandomSet(count, &rng);
     view.mser = RandomSet(count / 2, &rng);
     for (std::size_t i = 0; i < count; ++i) {
-      view.points.push_back({Eigen::Vector3f::Constant(static_cast<float>(i)), 0.5F, 1});
+      view.points.push_back({Eigen::Vector3f::Constant(static_cast<float>(i)), 0.5F, 1,
+                             static_cast<std::uint8_t>(i % 2)});
     }
     features.views.push_back(view);
   }
@@ -54,6 +56,7 @@ TEST(FeaturesFile, RoundTrip) {
   ASSERT_TRUE(back.ok()) << back.status().message();
   EXPECT_TRUE(back->has_depth);
   EXPECT_EQ(back->depth_fault, features.depth_fault);
+  EXPECT_EQ(back->sources, features.sources);
   ASSERT_EQ(back->planes.size(), 2U);
   EXPECT_EQ(back->planes[1].normal_in_pano, Eigen::Vector3f(0, 0, -1));
   EXPECT_EQ(back->planes[1].d_m, 2.5F);
@@ -67,6 +70,7 @@ TEST(FeaturesFile, RoundTrip) {
       EXPECT_EQ(p.point_in_pano, q.point_in_pano);
       EXPECT_EQ(p.range_sigma_m, q.range_sigma_m);
       EXPECT_EQ(p.surface_idx, q.surface_idx);
+      EXPECT_EQ(p.source_idx, q.source_idx);
     }
   }
 }
@@ -98,36 +102,49 @@ TEST(FeaturesFile, WhatCannotBeReadIsSaidNotThrown) {
   EXPECT_FALSE(ReadPanoramaFeatures(folder / "cut.h5").ok());
 }
 
-// A file of a view with two keypoints whose arrays have other lengths.
-void WriteUneven(const std::filesystem::path& path, std::size_t descriptors, std::size_t points,
-                 std::size_t surfaces, std::int64_t views) {
-  Hdf5Writer file(path);
-  file.WriteAttribute("has_depth", 1);
-  file.WriteAttribute("depth_fault", std::string());
-  file.WriteAttribute("num_views", views);
-  file.Write<float>("planes", std::vector<float>(4), 4);
-  file.Write<float>("view000/sift/keypoints", std::vector<float>(10), 5);
-  file.Write<std::uint8_t>("view000/sift/descriptors", std::vector<std::uint8_t>(128 * descriptors),
-                           128);
-  file.Write<float>("view000/mser/keypoints", std::vector<float>(), 5);
-  file.Write<std::uint8_t>("view000/mser/descriptors", std::vector<std::uint8_t>(), 128);
-  file.Write<float>("view000/points", std::vector<float>(4 * points), 4);
-  file.Write<std::uint8_t>("view000/surfaces", std::vector<std::uint8_t>(surfaces));
-  file.Close();
+// Arrays of a view with two keypoints, which may be of other lengths.
+struct Uneven {
+  std::size_t descriptors = 2, points = 2, surfaces = 2, sources = 2;
+  std::int64_t views = 1;
+  std::uint8_t source_idx = 0;  // of every point
+};
+
+ErrorCode CodeOf(const std::filesystem::path& path, const Uneven& u) {
+  {
+    Hdf5Writer file(path);
+    file.WriteAttribute("has_depth", 1);
+    file.WriteAttribute("depth_fault", std::string());
+    file.WriteAttribute("num_views", u.views);
+    file.WriteStrings("sources", {"itself"});
+    file.Write<float>("planes", std::vector<float>(4), 4);
+    file.Write<float>("view000/sift/keypoints", std::vector<float>(10), 5);
+    file.Write<std::uint8_t>("view000/sift/descriptors",
+                             std::vector<std::uint8_t>(128 * u.descriptors), 128);
+    file.Write<float>("view000/mser/keypoints", std::vector<float>(), 5);
+    file.Write<std::uint8_t>("view000/mser/descriptors", std::vector<std::uint8_t>(), 128);
+    file.Write<float>("view000/points", std::vector<float>(4 * u.points), 4);
+    file.Write<std::uint8_t>("view000/surfaces", std::vector<std::uint8_t>(u.surfaces));
+    file.Write<std::uint8_t>("view000/sources", std::vector<std::uint8_t>(u.sources, u.source_idx));
+    file.Close();
+  }
+  return ReadPanoramaFeatures(path).status().code();
 }
 
 TEST(FeaturesFile, ArraysOfUnequalLengthAreRefused) {
   const TempFolder folder;
-  WriteUneven(folder / "p.h5", 2, 2, 2, 1);
-  EXPECT_TRUE(ReadPanoramaFeatures(folder / "p.h5").ok());
-  WriteUneven(folder / "p.h5", 1, 2, 2, 1);
-  EXPECT_EQ(ReadPanoramaFeatures(folder / "p.h5").status().code(), ErrorCode::kBadData);
-  WriteUneven(folder / "p.h5", 2, 3, 3, 1);
-  EXPECT_EQ(ReadPanoramaFeatures(folder / "p.h5").status().code(), ErrorCode::kBadData);
-  WriteUneven(folder / "p.h5", 2, 2, 1, 1);
-  EXPECT_EQ(ReadPanoramaFeatures(folder / "p.h5").status().code(), ErrorCode::kBadData);
-  WriteUneven(folder / "p.h5", 2, 2, 2, 2);
-  EXPECT_FALSE(ReadPanoramaFeatures(folder / "p.h5").ok());
+  EXPECT_EQ(CodeOf(folder / "p.h5", {}), ErrorCode::kOk);
+  EXPECT_EQ(CodeOf(folder / "p.h5", {1, 2, 2, 2}), ErrorCode::kBadData);
+  EXPECT_EQ(CodeOf(folder / "p.h5", {2, 3, 3, 3}), ErrorCode::kBadData);
+  EXPECT_EQ(CodeOf(folder / "p.h5", {2, 2, 1, 2}), ErrorCode::kBadData);
+  EXPECT_EQ(CodeOf(folder / "p.h5", {2, 2, 2, 1}), ErrorCode::kBadData);
+  EXPECT_NE(CodeOf(folder / "p.h5", {2, 2, 2, 2, 2}), ErrorCode::kOk);
+}
+
+// Whoever reads it looks the source up.
+TEST(FeaturesFile, ASourceOutsideTheSourcesIsRefused) {
+  const TempFolder folder;
+  EXPECT_EQ(CodeOf(folder / "p.h5", {2, 2, 2, 2, 1, 1}), ErrorCode::kBadData);
+  EXPECT_EQ(CodeOf(folder / "p.h5", {2, 2, 2, 2, 1, 255}), ErrorCode::kBadData);
 }
 
 TEST(FeaturesFile, AFolderThatIsNotThereThrows) {

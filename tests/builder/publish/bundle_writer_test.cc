@@ -3,73 +3,19 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <stdexcept>
 
+#include "common/map/landmark_codes.h"
 #include "common/base/cancel.h"
 #include "common/io/sha256.h"
+#include "tests/builder/publish/bundle_content.h"
 #include "tests/common/io/temp_folder.h"
-#include "tests/common/map/crafted_bundle.h"
-#include "tests/common/vocabulary/make_tree.h"
 #include "tests/support/matchers.h"
 
 namespace panofix {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr std::size_t kPanoramas = 5;
-
-BundleContent Content() {
-  Rng rng(1, "tests/publish");
-  BundleContent content;
-  content.manifest.name = "written";
-  content.manifest.generator = "tests";
-  content.manifest.map_frame = MapFrame::Tangent({48.85, 2.335, 0}).parameters();
-  content.manifest.camera = Camera::FromHorizontalFov(320, 240, 70);
-  content.manifest.provenance.source = "tests";
-  content.manifest.num_set_aside = 2;
-  content.directions = RingOfViews(2, 10);
-  content.vocabulary = RandomVocabulary(&rng);
-  content.similarity.offsets = {0};
-  for (std::uint32_t p = 0; p < kPanoramas; ++p) {
-    MapPanorama panorama;
-    panorama.id = "pano" + std::to_string(p);
-    panorama.position = {48.85 + 1e-4 * p, 2.335, 35};
-    panorama.map_from_pano = {Eigen::Quaterniond(0.8, 0, 0, 0.6), Eigen::Vector3d(p, 11.0 * p, 35)};
-    panorama.point_scale = 1 + 1e-6 * p;
-    panorama.has_depth = p != 1;
-    if (p > 0) panorama.links.push_back(p - 1);
-    if (p + 1 < kPanoramas) panorama.links.push_back(p + 1);
-    content.panoramas.push_back(panorama);
-    content.tile_of_panorama.push_back(p < 2 ? "12022" : "12023");
-    for (std::uint32_t v = 0; v < 2; ++v) {
-      content.similarity.views.push_back((2 * p + v + 1) % 10);
-      content.similarity.similarity.push_back(0.5F);
-      content.similarity.offsets.push_back(
-          static_cast<std::uint32_t>(content.similarity.views.size()));
-    }
-  }
-  return content;
-}
-
-// Panorama p has p + v features in view v.
-BundlePanorama FeaturesOf(std::size_t p) {
-  Rng rng(p, "tests/features");
-  BundlePanorama panorama;
-  panorama.planes = {0, 0, 0, 0, 0, 0, -1, 2.5F};
-  for (std::size_t v = 0; v < 2; ++v) {
-    BundleView view;
-    const std::size_t count = p + v;
-    for (std::size_t i = 0; i < 4 * count; ++i) {
-      view.keypoints.push_back(static_cast<float>(rng.Uniform(0, 200)));
-      view.points.push_back(static_cast<float>(rng.Uniform(-9, 9)));
-    }
-    view.surfaces.assign(count, 1);
-    view.descriptors = RandomDescriptors(count, &rng);
-    view.bag = {{static_cast<std::uint32_t>(p), 0.6F}, {static_cast<std::uint32_t>(40 + v), 0.8F}};
-    panorama.views.push_back(view);
-  }
-  return panorama;
-}
 
 std::map<std::string, std::string> FilesOf(const fs::path& folder) {
   std::map<std::string, std::string> files;
@@ -85,21 +31,22 @@ std::size_t NumEntries(const fs::path& folder) {
   return static_cast<std::size_t>(std::distance(begin(entries), end(entries)));
 }
 
-TEST(WriteBundle, OpensAsItWasWritten) {
+TEST(WriteBundle, GraphOpensAsItWasWritten) {
   const TempFolder folder;
   const BundleContent content = Content();
-  const Manifest manifest = WriteBundle(folder / "b", content, FeaturesOf);
+  const Manifest manifest = WriteBundle(folder / "b", content, GivenTile);
   const auto opened = MapBundle::Open(folder / "b");
   ASSERT_TRUE(opened.ok()) << opened.status().message();
   const MapBundle& bundle = **opened;
   EXPECT_EQ(ToJson(bundle.manifest()), ToJson(manifest));
   EXPECT_EQ(manifest.num_panoramas, 5);
-  EXPECT_EQ(manifest.num_views, 10);
-  EXPECT_EQ(manifest.views_per_panorama, 2);
-  EXPECT_EQ(manifest.num_features, 0 + 1 + 1 + 2 + 2 + 3 + 3 + 4 + 4 + 5);
+  EXPECT_EQ(manifest.num_stations, 6);
+  EXPECT_EQ(manifest.num_views, 12);
+  EXPECT_EQ(manifest.views_per_station, 2);
+  EXPECT_EQ(manifest.num_landmarks, (2 + 3) + (3 + 4 + 5 + 6));
   EXPECT_EQ(manifest.num_set_aside, 2);
   ASSERT_EQ(bundle.panoramas().size(), kPanoramas);
-  for (std::size_t p = 0; p < kPanoramas; ++p) {
+  for (std::uint32_t p = 0; p < kPanoramas; ++p) {
     const MapPanorama &actual = bundle.panoramas()[p], &expected = content.panoramas[p];
     EXPECT_EQ(actual.id, expected.id);
     EXPECT_EQ(actual.position.lat_deg, expected.position.lat_deg);
@@ -107,33 +54,84 @@ TEST(WriteBundle, OpensAsItWasWritten) {
     EXPECT_EQ(actual.point_scale, expected.point_scale);
     EXPECT_EQ(actual.links, expected.links);
     EXPECT_EQ(actual.has_depth, expected.has_depth);
-    EXPECT_EQ(bundle.SurfaceNormal(p, 1), Eigen::Vector3d(0, 0, -1));
-    const BundlePanorama written = FeaturesOf(p);
+    EXPECT_FALSE(actual.is_flagged);
+    EXPECT_EQ(bundle.first_station(p), kFirstStation[p]);
+  }
+  ASSERT_EQ(bundle.stations().size(), 6U);
+  for (std::size_t s = 0; s < 6; ++s) {
+    EXPECT_EQ(bundle.stations()[s].panorama_idx, content.stations[s].panorama_idx);
+    EXPECT_EQ(bundle.stations()[s].position_in_pano, content.stations[s].position_in_pano);
     for (std::size_t v = 0; v < 2; ++v) {
-      const std::size_t view = 2 * p + v;
-      const ViewFeatures features = bundle.Features(view);
-      const BundleView& w = written.views[v];
-      EXPECT_TRUE(std::equal(features.keypoints.begin(), features.keypoints.end(),
-                             w.keypoints.begin(), w.keypoints.end()));
-      EXPECT_TRUE(std::equal(features.points_in_pano.begin(), features.points_in_pano.end(),
-                             w.points.begin(), w.points.end()));
-      EXPECT_TRUE(std::equal(features.surfaces.begin(), features.surfaces.end(), w.surfaces.begin(),
-                             w.surfaces.end()));
-      EXPECT_TRUE(std::equal(features.descriptors.begin(), features.descriptors.end(),
-                             w.descriptors.begin(), w.descriptors.end()));
-      ASSERT_EQ(bundle.bags()[view].size(), 2U);
-      EXPECT_EQ(bundle.bags()[view][0].word, p);
-      EXPECT_EQ(bundle.views()[view].yaw_deg, content.directions[v].yaw_deg);
-      EXPECT_EQ(bundle.SimilarViews(view)[0], (view + 1) % 10);
+      const MapView& view = bundle.views()[2 * s + v];
+      EXPECT_EQ(view.yaw_deg, content.directions[v].yaw_deg);
+      EXPECT_EQ(view.pitch_deg, content.directions[v].pitch_deg);
+      EXPECT_EQ(bundle.SimilarViews(2 * s + v)[0],
+                2 * kFirstStation[(view.panorama_idx + 1) % kPanoramas] + v);
     }
   }
-  EXPECT_EQ(bundle.vocabulary().sift.centroids, content.vocabulary.sift.centroids);
+  // Words are packed as landmarks are: half a step, or what the largest code leaves out.
+  const auto& centroids = content.vocabulary.sift.centroids;
+  ASSERT_EQ(bundle.vocabulary().sift.centroids.size(), centroids.size());
+  for (std::size_t i = 0; i < centroids.size(); ++i) {
+    const int expected = std::min<int>(centroids[i], 15 * kDescriptorStep);
+    EXPECT_NEAR(bundle.vocabulary().sift.centroids[i], expected, kDescriptorStep / 2) << i;
+  }
   EXPECT_EQ(bundle.vocabulary().idf, content.vocabulary.idf);
+}
+
+// A tile's refinement moves and flags its panoramas; the graph is written after all tiles.
+TEST(WriteBundle, RefinedPosesAndFlagsAreInTheGraph) {
+  const TempFolder folder;
+  const BundleContent content = Content();
+  (void)WriteBundle(folder / "b", content,
+                    [](std::size_t begin, std::size_t end, std::vector<MapPanorama>* panoramas) {
+                      for (std::size_t p = begin; p < end; ++p) {
+                        (*panoramas)[p].map_from_pano.translation.z() += 1 + static_cast<double>(p);
+                        (*panoramas)[p].is_flagged = p == 0 || p == 3;
+                      }
+                      return TileOf(begin, end);
+                    });
+  const auto opened = MapBundle::Open(folder / "b");
+  ASSERT_TRUE(opened.ok()) << opened.status().message();
+  for (std::uint32_t p = 0; p < kPanoramas; ++p) {
+    const MapPanorama& panorama = (*opened)->panoramas()[p];
+    EXPECT_EQ(panorama.map_from_pano.translation.z(), 36.0 + p);
+    EXPECT_EQ(panorama.is_flagged, p == 0 || p == 3);
+  }
+}
+
+// Anything else would be written as another anchor's.
+TEST(WriteBundle, LandmarksThatDoNotFollowTheirAnchorsAreABug) {
+  const TempFolder folder;
+  EXPECT_THROW((void)WriteBundle(folder / "b", Content(),
+                                 [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+                                   BundleTile tile = TileOf(begin, end);
+                                   std::swap(tile.landmarks.front(), tile.landmarks.back());
+                                   return tile;
+                                 }),
+               std::logic_error);
+  EXPECT_EQ(NumEntries(folder.path()), 0U);
+}
+
+TEST(WriteBundle, AViewOfAnotherTileIsABug) {
+  const TempFolder folder;
+  for (const std::uint32_t view : {std::uint32_t{5}, std::uint32_t{12}, ~std::uint32_t{0}}) {
+    EXPECT_THROW(
+        (void)WriteBundle(folder / "b", Content(),
+                          [&](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+                            BundleTile tile = TileOf(begin, end);
+                            if (begin > 0) tile.landmarks.front().views = {view};
+                            return tile;
+                          }),
+        std::logic_error)
+        << view;
+  }
+  EXPECT_EQ(NumEntries(folder.path()), 0U);
 }
 
 TEST(WriteBundle, ManifestNamesExactlyTheFilesThatAreThere) {
   const TempFolder folder;
-  const Manifest manifest = WriteBundle(folder / "b", Content(), FeaturesOf);
+  const Manifest manifest = WriteBundle(folder / "b", Content(), GivenTile);
   auto files = FilesOf(folder / "b");
   EXPECT_EQ(manifest.parts.size(), 4U);
   std::string previous;
@@ -152,20 +150,21 @@ TEST(WriteBundle, ManifestNamesExactlyTheFilesThatAreThere) {
 
 TEST(WriteBundle, SameContentSameBytes) {
   const TempFolder folder;
-  (void)WriteBundle(folder / "a", Content(), FeaturesOf);
-  (void)WriteBundle(folder / "b", Content(), FeaturesOf);
+  (void)WriteBundle(folder / "a", Content(), GivenTile);
+  (void)WriteBundle(folder / "b", Content(), GivenTile);
   EXPECT_EQ(FilesOf(folder / "a"), FilesOf(folder / "b"));
 }
 
 // What changes in one place changes the tile of that place.
 TEST(WriteBundle, AnUnchangedTileIsByteIdentical) {
   const TempFolder folder;
-  (void)WriteBundle(folder / "a", Content(), FeaturesOf);
-  (void)WriteBundle(folder / "b", Content(), [](std::size_t p) {
-    BundlePanorama panorama = FeaturesOf(p);
-    if (p == 4) panorama.views[0].points[0] += 1;
-    return panorama;
-  });
+  (void)WriteBundle(folder / "a", Content(), GivenTile);
+  (void)WriteBundle(folder / "b", Content(),
+                    [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+                      BundleTile tile = TileOf(begin, end);
+                      if (begin > 0) tile.landmarks.front().point_in_pano.x() += 1;
+                      return tile;
+                    });
   auto a = FilesOf(folder / "a"), b = FilesOf(folder / "b");
   EXPECT_EQ(a["tiles/12022.h5"], b["tiles/12022.h5"]);
   EXPECT_EQ(a["graph.h5"], b["graph.h5"]);
@@ -176,10 +175,10 @@ TEST(WriteBundle, AnUnchangedTileIsByteIdentical) {
 TEST(WriteBundle, ReplacesABundleThatIsThere) {
   const TempFolder folder;
   BundleContent content = Content();
-  (void)WriteBundle(folder / "b", content, FeaturesOf);
+  (void)WriteBundle(folder / "b", content, GivenTile);
   content.manifest.name = "newer";
   // With the slash that a shell's completion leaves.
-  (void)WriteBundle((folder / "b").string() + "/", content, FeaturesOf);
+  (void)WriteBundle((folder / "b").string() + "/", content, GivenTile);
   const auto opened = MapBundle::Open(folder / "b");
   ASSERT_TRUE(opened.ok()) << opened.status().message();
   EXPECT_EQ((*opened)->manifest().name, "newer");
@@ -189,11 +188,11 @@ TEST(WriteBundle, ReplacesABundleThatIsThere) {
 
 TEST(WriteBundle, AFailureLeavesTheOldBundleAndNothingElse) {
   const TempFolder folder;
-  (void)WriteBundle(folder / "b", Content(), FeaturesOf);
+  (void)WriteBundle(folder / "b", Content(), GivenTile);
   const auto before = FilesOf(folder / "b");
-  const auto failing = [](std::size_t p) -> BundlePanorama {
-    if (p == 3) throw Error(ErrorCode::kIo, "disk: gone");
-    return FeaturesOf(p);
+  const auto failing = [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+    if (begin > 0) throw Error(ErrorCode::kIo, "disk: gone");
+    return TileOf(begin, end);
   };
   EXPECT_THROW((void)WriteBundle(folder / "b", Content(), failing), Error);
   EXPECT_EQ(FilesOf(folder / "b"), before);
@@ -203,13 +202,56 @@ TEST(WriteBundle, AFailureLeavesTheOldBundleAndNothingElse) {
   EXPECT_EQ(NumEntries(folder.path()), 1U);
 }
 
+// Bytes that tell the views apart; whether they are pictures is not the writer's business.
+BundleTile TileWithImages(std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+  BundleTile tile = TileOf(begin, end);
+  for (std::size_t view = 2 * begin; view < 2 * end; ++view)
+    tile.view_images.emplace_back(1 + view, static_cast<std::uint8_t>(view));
+  return tile;
+}
+
+TEST(WriteBundle, ViewImagesAreKeptInPartsOfTheirOwn) {
+  const TempFolder folder;
+  const Manifest manifest = WriteBundle(folder / "b", Content(), TileWithImages);
+  const Manifest without = WriteBundle(folder / "without", Content(), GivenTile);
+  EXPECT_EQ(manifest.parts.size(), without.parts.size() + 2);
+  std::uint8_t view = 0;
+  for (const char* part : {"12022", "12023"}) {
+    const fs::path path = folder / "b" / "images" / (std::string(part) + ".h5");
+    const Hdf5Reader file = ValueOrThrow(Hdf5Reader::Open(path));
+    const auto offsets = ValueOrThrow(file.Read<std::uint32_t>("views/offsets"));
+    const auto bytes = ValueOrThrow(file.Read<std::uint8_t>("views/jpeg"));
+    for (std::size_t row = 0; row + 1 < offsets.values.size(); ++row, ++view) {
+      ASSERT_EQ(offsets.values[row + 1] - offsets.values[row], 1U + view);
+      EXPECT_EQ(bytes.values[offsets.values[row]], view);
+    }
+  }
+  EXPECT_EQ(view, 2 * kPanoramas);
+  const auto bundle = MapBundle::Open(folder / "b");
+  ASSERT_TRUE(bundle.ok()) << bundle.status().message();
+  EXPECT_TRUE((*bundle)->has_view_images());
+  EXPECT_EQ((*bundle)->ViewImage(0).status().code(), ErrorCode::kBadData);  // no pictures, these
+}
+
+TEST(WriteBundle, ViewImagesOfTheWrongNumberAreACallersFault) {
+  const TempFolder folder;
+  const auto make_tile = [](std::size_t begin, std::size_t end, std::vector<MapPanorama>* all) {
+    BundleTile tile = TileWithImages(begin, end, all);
+    tile.view_images.pop_back();
+    return tile;
+  };
+  EXPECT_THROW((void)WriteBundle(folder / "b", Content(), make_tile), std::logic_error);
+  EXPECT_EQ(NumEntries(folder.path()), 0U);
+}
+
 TEST(WriteBundle, CtrlCLeavesNothing) {
   const TempFolder folder;
   try {
-    (void)WriteBundle(folder / "b", Content(), [](std::size_t p) {
-      RequestCancel();
-      return FeaturesOf(p);
-    });
+    (void)WriteBundle(folder / "b", Content(),
+                      [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+                        RequestCancel();
+                        return TileOf(begin, end);
+                      });
     ADD_FAILURE() << "nothing was thrown";
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::kCancelled);
@@ -221,15 +263,15 @@ TEST(WriteBundle, CtrlCLeavesNothing) {
 TEST(WriteBundle, APlaceThatCannotBeWrittenIsSaid) {
   const TempFolder folder;
   WriteText(folder / "file", "x");
-  EXPECT_THROW((void)WriteBundle(folder / "file" / "b", Content(), FeaturesOf), Error);
-  EXPECT_THROW((void)WriteBundle(folder / "file", Content(), FeaturesOf), Error);
+  EXPECT_THROW((void)WriteBundle(folder / "file" / "b", Content(), GivenTile), Error);
+  EXPECT_THROW((void)WriteBundle(folder / "file", Content(), GivenTile), Error);
   EXPECT_EQ(ReadText(folder / "file"), "x");
 }
 
 // The corruption tests over the builder's own bytes; every region in tests/common/map.
 TEST(WriteBundle, FlippedTruncatedAndMissingPartsDoNotOpen) {
   const TempFolder folder;
-  const Manifest manifest = WriteBundle(folder / "b", Content(), FeaturesOf);
+  const Manifest manifest = WriteBundle(folder / "b", Content(), GivenTile);
   Rng rng(1, "tests/corrupt");
   for (const BundlePart& part : manifest.parts) {
     const fs::path path = folder / "b" / part.path;

@@ -36,7 +36,7 @@ TEST(LeftJacobianSo3, EqualsDifferences) {
   }
 }
 
-TEST(BundleResidual, JacobiansEqualDifferences) {
+TEST(LinearizeBundle, JacobiansEqualDifferences) {
   SyntheticPoseOptions options;
   options.range_sigma_share = 0.05;
   options.pixel_sigma = 1;
@@ -45,39 +45,48 @@ TEST(BundleResidual, JacobiansEqualDifferences) {
   int checked = 0;
   for (Correspondence match : world.matches) {
     // A plane that faces the panorama, more or less.
-    match.surface_normal_in_map = (match.lever_in_map.normalized() + 0.3 * RandomNormal3(&rng)).normalized();
-    const Eigen::Matrix2d whitener = SqrtInformation(ResidualCovariance(match, world.cam_from_map));
-    const Vector6d frame = SmallDelta(&rng), panorama = SmallDelta(&rng);
+    match.surface_normal_in_map =
+        (match.lever_in_map.normalized() + 0.3 * RandomNormal3(&rng)).normalized();
+    const BundleMatch prepared(match);
+    const Vector6d panorama = SmallDelta(&rng);
     const Eigen::Vector3d surface = SmallDelta(&rng).head<3>();
-    const auto residual_at = [&](const Vector6d& f, const Vector6d& p, const Eigen::Vector3d& s) {
-      Eigen::Vector2d residual = Eigen::Vector2d::Constant(NAN);
-      EXPECT_TRUE(BundleResidual(match, whitener, world.cam_from_map, f, p, s, &residual, nullptr, nullptr, nullptr));
-      return residual;
-    };
-    Eigen::Vector2d residual;
-    Matrix26d frame_jacobian, panorama_jacobian;
-    Matrix23d surface_jacobian;
-    if (!BundleResidual(match, whitener, world.cam_from_map, frame, panorama, surface, &residual,
-                        &frame_jacobian, &panorama_jacobian, &surface_jacobian)) {
+    BundleLinear linear;
+    if (!LinearizeBundle(prepared, CameraFrame(world.cam_from_map), PanoramaMotion(panorama),
+                         surface, &linear)) {
       continue;
     }
     ++checked;
+    const auto residual_at = [&](const Vector6d& f, const Vector6d& p, const Eigen::Vector3d& s) {
+      Eigen::Vector2d residual = Eigen::Vector2d::Constant(NAN);
+      const CameraFrame frame(PerturbPose(world.cam_from_map, f));
+      EXPECT_TRUE(
+          BundleResidual(prepared, linear.whitener, frame, PanoramaMotion(p), s, &residual));
+      return residual;
+    };
+    EXPECT_LT((linear.residual - residual_at(Vector6d::Zero(), panorama, surface)).norm(),
+              1e-9 * (1 + linear.residual.norm()));
     for (Eigen::Index k = 0; k < 6; ++k) {
       const Vector6d step = kStep * Vector6d::Unit(k);
-      const Eigen::Vector2d by_frame = (residual_at(frame + step, panorama, surface) -
-                                        residual_at(frame - step, panorama, surface)) / (2 * kStep);
-      EXPECT_LT((by_frame - frame_jacobian.col(k)).norm(), kDifferenceTolerance * (1 + frame_jacobian.norm()));
-      const Eigen::Vector2d by_panorama = (residual_at(frame, panorama + step, surface) -
-                                           residual_at(frame, panorama - step, surface)) / (2 * kStep);
-      EXPECT_LT((by_panorama - panorama_jacobian.col(k)).norm(),
-                kDifferenceTolerance * (1 + panorama_jacobian.norm()));
+      const Eigen::Vector2d by_frame =
+          (residual_at(step, panorama, surface) - residual_at(-step, panorama, surface)) /
+          (2 * kStep);
+      EXPECT_LT((by_frame - linear.by_frame.col(k)).norm(),
+                kDifferenceTolerance * (1 + linear.by_frame.norm()));
+      const Vector6d zero = Vector6d::Zero();
+      const Eigen::Vector2d by_panorama = (residual_at(zero, panorama + step, surface) -
+                                           residual_at(zero, panorama - step, surface)) /
+                                          (2 * kStep);
+      EXPECT_LT((by_panorama - linear.by_panorama.col(k)).norm(),
+                kDifferenceTolerance * (1 + linear.by_panorama.norm()));
     }
     for (Eigen::Index k = 0; k < 3; ++k) {
       const Eigen::Vector3d step = kStep * Eigen::Vector3d::Unit(k);
-      const Eigen::Vector2d by_surface = (residual_at(frame, panorama, surface + step) -
-                                          residual_at(frame, panorama, surface - step)) / (2 * kStep);
-      EXPECT_LT((by_surface - surface_jacobian.col(k)).norm(),
-                kDifferenceTolerance * (1 + surface_jacobian.norm()));
+      const Vector6d zero = Vector6d::Zero();
+      const Eigen::Vector2d by_surface = (residual_at(zero, panorama, surface + step) -
+                                          residual_at(zero, panorama, surface - step)) /
+                                         (2 * kStep);
+      EXPECT_LT((by_surface - linear.by_surface.col(k)).norm(),
+                kDifferenceTolerance * (1 + linear.by_surface.norm()));
     }
   }
   EXPECT_GT(checked, 150);
@@ -89,8 +98,10 @@ TEST(SurfaceRow, IsTheRangeChangeOfAMovedPlane) {
   for (int trial = 0; trial < 200; ++trial) {
     Correspondence match;
     match.lever_in_map = 10 * RandomNormal3(&rng).normalized();
-    match.surface_normal_in_map = (match.lever_in_map.normalized() + 0.4 * RandomNormal3(&rng)).normalized();
-    const Eigen::Vector3d n = match.surface_normal_in_map, e1 = n.unitOrthogonal(), e2 = n.cross(e1);
+    match.surface_normal_in_map =
+        (match.lever_in_map.normalized() + 0.4 * RandomNormal3(&rng)).normalized();
+    const Eigen::Vector3d n = match.surface_normal_in_map, e1 = n.unitOrthogonal(),
+                          e2 = n.cross(e1);
     const Eigen::Vector3d v = match.lever_in_map.normalized();
     if (n.dot(v) < 0.3) continue;
     const double d = n.dot(match.lever_in_map);
@@ -101,8 +112,8 @@ TEST(SurfaceRow, IsTheRangeChangeOfAMovedPlane) {
   }
 }
 
-// Points on few planes whose errors they share: the adjustment knows its own error, and the refinement,
-// which takes them for independent, is overconfident.
+// Points on few planes whose errors they share: the adjustment knows its own error, and the
+// refinement, which takes them for independent, is overconfident.
 TEST(LocalBundleAdjustment, IsCalibratedForErrorsSharedByAPlane) {
   constexpr int kTrials = 300, kPlanes = 4;
   constexpr double kDistanceSigma = 0.03;
@@ -128,7 +139,8 @@ TEST(LocalBundleAdjustment, IsCalibratedForErrorsSharedByAPlane) {
     }
     const RefineResult refined = RefinePose(world.matches, world.cam_from_map, {});
     const PanoramaPrior prior{world.matches[0].panorama_idx, 1e-4, 1e-5, 1e-5};
-    const BundleResult adjusted = LocalBundleAdjustment(world.matches, refined.cam_from_map, {&prior, 1}, {});
+    const BundleResult adjusted =
+        LocalBundleAdjustment(world.matches, refined.cam_from_map, {&prior, 1}, {});
     ASSERT_TRUE(refined.success && adjusted.success);
     const auto nees = [&](const Rigid3& pose, const Matrix6d& covariance) {
       const Vector6d e = PoseError(pose, world.cam_from_map);
@@ -141,7 +153,7 @@ TEST(LocalBundleAdjustment, IsCalibratedForErrorsSharedByAPlane) {
     std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
     return v[v.size() / 2];
   };
-  constexpr double kExpected = 5.348;  // median of chi-square with 6
+  constexpr double kExpected = 5.348;                       // median of chi-square with 6
   EXPECT_NEAR(median(nees_bundle) / kExpected, 1.0, 0.35);  // own error kept at a tenth widens it
   EXPECT_GT(median(nees_refine), 1.5 * median(nees_bundle));
 }

@@ -109,12 +109,23 @@ TEST_F(BundleCorruption, AFolderInAPartsPlaceIsNoPart) {
 
 TEST_F(BundleCorruption, ANewerMajorIsAVersionFault) {
   std::string text = ReadText(root() / kManifestName);
-  text.replace(text.find("\"major\": 1"), 10, "\"major\": 2");
+  const std::string major = "\"major\": " + std::to_string(kBundleMajor);
+  text.replace(text.find(major), major.size(), "\"major\": " + std::to_string(kBundleMajor + 1));
   WriteText(root() / kManifestName, text);
   // A newer format may hash another way: the version comes first.
   EXPECT_EQ(Open().code(), ErrorCode::kUnsupportedVersion);
   SealManifest(root());
   EXPECT_EQ(Open().code(), ErrorCode::kUnsupportedVersion);
+}
+
+TEST_F(BundleCorruption, AnOlderMajorIsAVersionFaultThatSaysBuildAgain) {
+  std::string text = ReadText(root() / kManifestName);
+  const std::string major = "\"major\": " + std::to_string(kBundleMajor);
+  text.replace(text.find(major), major.size(), "\"major\": 1");
+  WriteText(root() / kManifestName, text);
+  SealManifest(root());
+  EXPECT_EQ(Open().code(), ErrorCode::kUnsupportedVersion);
+  EXPECT_NE(Open().message().find("build"), std::string::npos) << Open().message();
 }
 
 TEST_F(BundleCorruption, ReadManifestChecksTheManifestAlone) {

@@ -24,8 +24,9 @@ Manifest Full() {
   m.features = {Equalization::kGlobal, 3.5, 4, 1234, 0.01, 56, false};
   m.errors = {0.031, 0.7, 0.21, 0.07, 0.3};
   m.provenance = {"own captures", "CC-BY-4.0", "EGM96", kHash, "{\"b\":1,\"a\":[2.5,\"x\"]}"};
-  m.num_panoramas = 2, m.num_views = 16, m.num_features = 3000, m.num_set_aside = 1;
-  m.views_per_panorama = 8;
+  m.num_panoramas = 2, m.num_stations = 5, m.num_views = 40, m.num_landmarks = 3000;
+  m.num_set_aside = 1;
+  m.views_per_station = 8;
   m.parts = {{"graph.h5", 10, kHash}, {"tiles/1.h5", 1ULL << 40, std::string(64, '0')}};
   return m;
 }
@@ -53,14 +54,18 @@ TEST(Manifest, RoundTripKeepsEveryField) {
   EXPECT_EQ(back->provenance.height_datum, "EGM96");
   EXPECT_EQ(back->provenance.options, m.provenance.options);
   EXPECT_EQ(back->num_set_aside, 1);
-  EXPECT_EQ(back->views_per_panorama, 8);
+  EXPECT_EQ(back->num_panoramas, 2);
+  EXPECT_EQ(back->num_stations, 5);
+  EXPECT_EQ(back->num_views, 40);
+  EXPECT_EQ(back->num_landmarks, 3000);
+  EXPECT_EQ(back->views_per_station, 8);
   ASSERT_EQ(back->parts.size(), 2U);
   EXPECT_EQ(back->parts[1].path, "tiles/1.h5");
   EXPECT_EQ(back->parts[1].num_bytes, 1ULL << 40);
 }
 
 TEST(Manifest, OnlyTheSameMajorIsRead) {
-  for (const int major : {0, kBundleMajor + 1, 99}) {
+  for (const int major : {0, kBundleMajor - 1, kBundleMajor + 1, 99}) {
     Json json = Parsed();
     json["format"]["major"] = major;
     // Even where nothing else of it is understood.

@@ -3,10 +3,14 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <array>
+#include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 
 #include "common/io/sha256.h"
+#include "common/map/landmark_codes.h"
 #include "tests/common/io/temp_folder.h"
 #include "tests/common/map/crafted_bundle.h"
 #include "tests/support/matchers.h"
@@ -16,6 +20,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr double kFloat = 1e-6;      // of numbers near one that are stored as floats
+constexpr double kHalfStep = 0.021;  // relative, of a length's code: half of its 4 %, and a little
+
 std::shared_ptr<const MapBundle> OpenOrFail(const fs::path& folder) {
   auto bundle = MapBundle::Open(folder);
   EXPECT_TRUE(bundle.ok()) << bundle.status().message();
@@ -24,7 +31,8 @@ std::shared_ptr<const MapBundle> OpenOrFail(const fs::path& folder) {
 
 TEST(MapBundle, HoldsWhatWasWritten) {
   const TempFolder folder;
-  const CraftedBundle crafted = SmallBundle();
+  CraftedBundle crafted = SmallBundle();
+  crafted.is_flagged[2] = 1;
   crafted.Write(folder / "b");
   const auto bundle = OpenOrFail(folder / "b");
   ASSERT_TRUE(bundle);
@@ -37,64 +45,156 @@ TEST(MapBundle, HoldsWhatWasWritten) {
     EXPECT_EQ(panorama.map_from_pano.translation,
               Eigen::Vector3d(0, 10.0 * static_cast<double>(p), 2.5));
     EXPECT_EQ(panorama.has_depth, p != 3);
+    EXPECT_EQ(panorama.is_flagged, p == 2);
     EXPECT_NEAR(panorama.position.lat_deg, 48.85, 1e-3);
     EXPECT_EQ(panorama.point_scale, crafted.scales[p]);
   }
   EXPECT_EQ(bundle->panoramas()[1].links, (std::vector<std::uint32_t>{0, 2}));
-  ASSERT_EQ(bundle->views().size(), 8U);
-  EXPECT_EQ(bundle->views()[5].panorama_idx, 2U);
-  EXPECT_EQ(bundle->views()[5].yaw_deg, 180.0);
-  EXPECT_EQ(bundle->views()[5].pitch_deg, 5.0);
   EXPECT_EQ(bundle->vocabulary().sift.centroids, crafted.vocabulary.sift.centroids);
   EXPECT_EQ(bundle->vocabulary().num_words(), 6U);
   EXPECT_EQ(bundle->vocabulary().idf, crafted.vocabulary.idf);
 }
 
-TEST(MapBundle, EveryViewHasItsOwnFeatures) {
+TEST(MapBundle, StationsAndTheirViewsFollowThePanoramas) {
   const TempFolder folder;
   SmallBundle().Write(folder / "b");
   const auto bundle = OpenOrFail(folder / "b");
   ASSERT_TRUE(bundle);
-  for (std::uint32_t view = 0; view < 8; ++view) {
-    const std::uint32_t p = view / 2, v = view % 2;
-    const ViewFeatures features = bundle->Features(view);
-    ASSERT_EQ(features.size(), (3 * p + 2 * v) % 6) << view;
-    EXPECT_EQ(features.descriptors.size(), features.size() * kDescriptorSize);
-    for (std::size_t i = 0; i < features.size(); ++i) {
-      const auto at = static_cast<float>(100 * p + 10 * v + i);
-      EXPECT_EQ(features.keypoints[4 * i], at);
-      EXPECT_EQ(features.point(i), Eigen::Vector3d(double{at}, 1, 2));
-      EXPECT_EQ(features.range_sigma_m(i), 0.25);
-      EXPECT_EQ(features.surfaces[i], 1 + i % 2);
+  ASSERT_EQ(bundle->stations().size(), 5U);
+  EXPECT_EQ(bundle->views_per_station(), 2U);
+  const std::uint32_t owner[] = {0, 1, 1, 2, 3}, first[] = {0, 1, 3, 4, 5};
+  for (std::uint32_t p = 0; p < 5; ++p) EXPECT_EQ(bundle->first_station(p), first[p]);
+  ASSERT_EQ(bundle->views().size(), 10U);
+  for (std::uint32_t s = 0; s < 5; ++s) {
+    EXPECT_EQ(bundle->stations()[s].panorama_idx, owner[s]);
+    EXPECT_EQ(bundle->stations()[s].position_in_pano, Eigen::Vector3d(0, s == 2 ? 4 : 0, 0));
+    for (std::uint32_t v = 0; v < 2; ++v) {
+      const MapView& view = bundle->views()[2 * s + v];
+      EXPECT_EQ(view.station_idx, s);
+      EXPECT_EQ(view.panorama_idx, owner[s]);
+      EXPECT_EQ(view.yaw_deg, v == 0 ? 0.0 : 180.0);
+      EXPECT_EQ(view.pitch_deg, v == 0 ? 0.0 : 5.0);
     }
-    ASSERT_EQ(bundle->bags()[view].size(), 2U);
-    EXPECT_EQ(bundle->bags()[view][0].word, view % 4);
-    EXPECT_EQ(bundle->bags()[view][1].word, 4 + v);
-    const auto similar = bundle->SimilarViews(view);
-    ASSERT_EQ(similar.size(), 2U);
-    EXPECT_EQ(similar[0], (view + 2) % 8);
-    EXPECT_EQ(similar[1], (view + 1) % 8);
   }
-  EXPECT_THROW((void)bundle->Features(8), std::out_of_range);
 }
 
-TEST(MapBundle, SurfaceNormalsAreUnitOrZero) {
+TEST(MapBundle, LandmarksAreTheirAnchors) {
   const TempFolder folder;
-  CraftedBundle crafted = SmallBundle();
-  // The second panorama's ground: not quite unit; its wall: no plane at all.
-  for (std::size_t k = 0; k < 4; ++k) crafted.tiles[0].planes[16 + k] *= 1.5F;
-  crafted.tiles[0].planes[20] = std::numeric_limits<float>::quiet_NaN();
+  const CraftedBundle crafted = SmallBundle();
   crafted.Write(folder / "b");
   const auto bundle = OpenOrFail(folder / "b");
   ASSERT_TRUE(bundle);
-  for (const std::size_t p : {0, 1, 2, 3}) {
-    EXPECT_EQ(bundle->SurfaceNormal(p, 0), Eigen::Vector3d::Zero());
-    EXPECT_EQ(bundle->SurfaceNormal(p, 1), Eigen::Vector3d::UnitZ());
-    EXPECT_EQ(bundle->SurfaceNormal(p, 2), Eigen::Vector3d(p == 1 ? 0 : 1, 0, 0));
-    EXPECT_EQ(bundle->SurfaceNormal(p, 3), Eigen::Vector3d::Zero());
-    EXPECT_EQ(bundle->SurfaceNormal(p, 255), Eigen::Vector3d::Zero());
+  // By tile and anchor: a, b; b again, seen across the border, then c and d.
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> expected;  // panorama, number there
+  for (std::uint32_t p = 0; p < 4; ++p) {
+    if (p == 2) expected.emplace_back(1, 7);
+    for (std::uint32_t i = 0; i < 2 + p; ++i) expected.emplace_back(p, i);
   }
-  EXPECT_THROW((void)bundle->SurfaceNormal(4, 0), std::out_of_range);
+  ASSERT_EQ(bundle->num_landmarks(), expected.size());
+  for (std::uint32_t id = 0; id < expected.size(); ++id) {
+    const auto [p, i] = expected[id];
+    const MapLandmark landmark = bundle->Landmark(id);
+    EXPECT_EQ(landmark.panorama_idx, p) << id;
+    EXPECT_EQ(landmark.point_in_pano, Eigen::Vector3d(100.0 * p + i, 1, 2)) << id;
+    EXPECT_NEAR(landmark.range_sigma_m, 0.25, kHalfStep * 0.25);
+    EXPECT_NEAR(landmark.point_sigma_m, 0.02, kHalfStep * 0.02);
+    EXPECT_NEAR(landmark.size_m, 0.4, kHalfStep * 0.4);
+    EXPECT_NEAR(landmark.angle_deg, 30, 0.5 * 360 / 256);
+    EXPECT_EQ(landmark.surface_idx, static_cast<int>(1 + i % 2));
+    EXPECT_EQ(landmark.num_panoramas, static_cast<int>(1 + p));
+    const CraftedTile& tile = crafted.tiles[id < 5 ? 0 : 1];
+    std::array<std::uint8_t, kDescriptorSize> descriptor;
+    bundle->Descriptor(id, descriptor.data());
+    const auto written = tile.descriptors.begin() + kDescriptorSize * (id < 5 ? id : id - 5);
+    EXPECT_TRUE(std::equal(descriptor.begin(), descriptor.end(), written)) << id;
+  }
+}
+
+TEST(MapBundle, EveryViewHasItsOwnLandmarksAndWords) {
+  const TempFolder folder;
+  SmallBundle().Write(folder / "b");
+  const auto bundle = OpenOrFail(folder / "b");
+  ASSERT_TRUE(bundle);
+  for (std::uint32_t view = 0; view < 10; ++view) {
+    const bool second = view >= 6;
+    std::vector<std::uint32_t> shown, expected;
+    const MapBundle::LandmarkList list = bundle->LandmarksOf(view);
+    for (std::size_t i = 0; i < list.size(); ++i) shown.push_back(list[i]);
+    for (std::uint32_t n = 0; n < (second ? 10U : 5U); ++n) {
+      const std::uint32_t slot = second ? view - 6 : view;
+      if ((n + slot) % 3 != 0) expected.push_back(n + (second ? 5 : 0));
+    }
+    EXPECT_EQ(shown, expected) << view;
+    const BagOfWords& bag = bundle->bags()[view];
+    ASSERT_EQ(bag.size(), 2U);
+    EXPECT_EQ(bag[0].word, view % 4);
+    EXPECT_EQ(bag[1].word, 4 + view % 2);
+    // Eight bits a weight, then unit length again.
+    EXPECT_NEAR(double{bag[0].weight}, 0.6, 0.5 / 255);
+    EXPECT_NEAR(double{bag[1].weight}, 0.8, 0.5 / 255);
+    EXPECT_NEAR(std::hypot(double{bag[0].weight}, double{bag[1].weight}), 1, kFloat);
+  }
+  EXPECT_THROW((void)bundle->LandmarksOf(10), std::out_of_range);
+}
+
+TEST(MapBundle, VirtualStationsShareTheirPanoramasSimilarViews) {
+  const TempFolder folder;
+  SmallBundle().Write(folder / "b");
+  const auto bundle = OpenOrFail(folder / "b");
+  ASSERT_TRUE(bundle);
+  const std::uint32_t row_of_view[] = {0, 1, 2, 3, 2, 3, 4, 5, 6, 7};
+  const std::uint32_t native_view[] = {0, 1, 2, 3, 6, 7, 8, 9};
+  for (std::uint32_t view = 0; view < 10; ++view) {
+    const auto similar = bundle->SimilarViews(view);
+    ASSERT_EQ(similar.size(), 2U);
+    EXPECT_EQ(similar[0], native_view[(row_of_view[view] + 2) % 8]) << view;
+    EXPECT_EQ(similar[1], native_view[(row_of_view[view] + 1) % 8]) << view;
+  }
+}
+
+TEST(MapBundle, SurfacesAreThoseOfTheAnchor) {
+  const TempFolder folder;
+  CraftedBundle crafted = SmallBundle();
+  crafted.tiles[0].codes[4] = 200;  // the first landmark's plane: none of that number
+  crafted.Write(folder / "b");
+  const auto bundle = OpenOrFail(folder / "b");
+  ASSERT_TRUE(bundle);
+  EXPECT_EQ(bundle->SurfaceOf(0, bundle->Landmark(0)).normal_in_pano, Eigen::Vector3d::Zero());
+  for (std::uint32_t id = 1; id < bundle->num_landmarks(); ++id) {
+    const MapLandmark landmark = bundle->Landmark(id);
+    const MapSurface surface = bundle->SurfaceOf(id, landmark);
+    const bool wall = landmark.surface_idx == 2;
+    EXPECT_EQ(surface.normal_in_pano, wall ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitZ());
+    EXPECT_NEAR(surface.distance_sigma_share, wall ? 0.03 + landmark.panorama_idx : 0.02, kFloat);
+    EXPECT_NEAR(surface.normal_sigma_rad, wall ? 0.02 : 0.01, kFloat);
+  }
+}
+
+TEST(MapBundle, SurfacesAreUnitOrUnknown) {
+  const float kBad[] = {std::numeric_limits<float>::quiet_NaN(), -1.0F,
+                        std::numeric_limits<float>::infinity()};
+  // What b's ground says: n, d, share, radians.
+  const auto ground = [](const std::function<void(float*)>& change) {
+    const TempFolder folder;
+    CraftedBundle crafted = SmallBundle();
+    change(&crafted.tiles[0].planes[6 * (3 + 1)]);
+    crafted.Write(folder / "b");
+    const auto bundle = OpenOrFail(folder / "b");
+    MapLandmark landmark;
+    landmark.panorama_idx = 1, landmark.surface_idx = 1;
+    return bundle ? bundle->SurfaceOf(2, landmark) : MapSurface{};
+  };
+  EXPECT_EQ(ground([](float*) {}).normal_in_pano, Eigen::Vector3d::UnitZ());
+  EXPECT_EQ(ground([](float* p) { p[2] = 1.5F; }).normal_in_pano, Eigen::Vector3d::UnitZ());
+  EXPECT_EQ(ground([](float* p) { p[2] = 0; }).normal_in_pano, Eigen::Vector3d::Zero());
+  for (const float bad : kBad) {
+    for (const std::size_t at : {4, 5}) {
+      const MapSurface unknown = ground([&](float* p) { p[at] = bad; });
+      EXPECT_EQ(unknown.normal_in_pano, Eigen::Vector3d::Zero()) << at << " " << bad;
+      EXPECT_EQ(unknown.distance_sigma_share, 0) << at << " " << bad;
+    }
+  }
+  EXPECT_EQ(ground([&](float* p) { p[0] = kBad[0]; }).normal_in_pano, Eigen::Vector3d::Zero());
 }
 
 TEST(MapBundle, TilesMayComeInAnyOrder) {
@@ -104,24 +204,69 @@ TEST(MapBundle, TilesMayComeInAnyOrder) {
   crafted.Write(folder / "b");
   const auto bundle = OpenOrFail(folder / "b");
   ASSERT_TRUE(bundle);
-  EXPECT_EQ(bundle->Features(3).size(), 5U);
-  EXPECT_EQ(bundle->Features(3).keypoints[0], 110.0F);
+  // Ids count by tile as it is listed; views do not care.
+  for (const std::uint32_t view : {3U, 8U}) {
+    const MapBundle::LandmarkList list = bundle->LandmarksOf(view);
+    ASSERT_GT(list.size(), 0U);
+    const MapLandmark last = bundle->Landmark(list[list.size() - 1]);
+    EXPECT_EQ(last.panorama_idx, view == 3 ? 1U : 3U);
+  }
 }
 
-TEST(MapBundle, ABundleWithoutFeaturesOpens) {
+TEST(MapBundle, PackedAndWholeDescriptorsMayMix) {
+  const TempFolder folder;
+  CraftedBundle crafted = SmallBundle();
+  CraftedTile& tile = crafted.tiles[1];
+  std::vector<std::uint8_t> packed(tile.descriptors.size() / 2);
+  for (std::size_t i = 0; i < packed.size() / kPackedDescriptorSize; ++i) {
+    PackDescriptor(std::span<const std::uint8_t, kDescriptorSize>(
+                       &tile.descriptors[i * kDescriptorSize], kDescriptorSize),
+                   &packed[i * kPackedDescriptorSize]);
+  }
+  const std::vector<std::uint8_t> whole = tile.descriptors;
+  tile.descriptors = packed, tile.descriptor_cols = kPackedDescriptorSize;
+  crafted.Write(folder / "b");
+  const auto bundle = OpenOrFail(folder / "b");
+  ASSERT_TRUE(bundle);
+  for (std::uint32_t i = 0; i < 10; ++i) {
+    std::array<std::uint8_t, kDescriptorSize> descriptor, expected;
+    bundle->Descriptor(5 + i, descriptor.data());
+    UnpackDescriptor(&packed[i * kPackedDescriptorSize], expected.data());
+    EXPECT_EQ(descriptor, expected);
+  }
+}
+
+TEST(MapBundle, ABundleWithoutLandmarksOpens) {
   const TempFolder folder;
   CraftedBundle crafted = SmallBundle();
   crafted.tiles.clear();
   CraftedTile& tile = crafted.tiles.emplace_back();
   tile.path = "tiles/0.h5";
   tile.panorama_ids = crafted.ids;
-  for (int view = 0; view < 8; ++view) tile.EndView({});
-  for (int panorama = 0; panorama < 4; ++panorama) tile.EndPanorama({});
+  for (int view = 0; view < 10; ++view) tile.EndView({}, {});
   crafted.Write(folder / "b");
   const auto bundle = OpenOrFail(folder / "b");
   ASSERT_TRUE(bundle);
-  EXPECT_EQ(bundle->Features(7).size(), 0U);
-  EXPECT_TRUE(bundle->bags()[7].empty());
+  EXPECT_EQ(bundle->num_landmarks(), 0U);
+  EXPECT_EQ(bundle->LandmarksOf(9).size(), 0U);
+  EXPECT_TRUE(bundle->bags()[9].empty());
+}
+
+// A tile without landmarks takes no id from its neighbour.
+TEST(MapBundle, AnEmptyTileBeforeOthersTakesNoIds) {
+  const TempFolder folder;
+  CraftedBundle crafted = SmallBundle();
+  CraftedTile& tile = crafted.tiles[0];
+  const CraftedTile full = tile;
+  tile = {};
+  tile.path = full.path, tile.panorama_ids = full.panorama_ids;
+  for (int view = 0; view < 6; ++view) tile.EndView({}, {});
+  crafted.Write(folder / "b");
+  const auto bundle = OpenOrFail(folder / "b");
+  ASSERT_TRUE(bundle);
+  ASSERT_EQ(bundle->num_landmarks(), 10U);
+  EXPECT_EQ(bundle->Landmark(0).point_in_pano.x(), 107);
+  EXPECT_EQ(bundle->Landmark(9).panorama_idx, 3U);
 }
 
 TEST(MapBundle, PartsOfLaterMinorVersionsAreVerifiedAndLeftAlone) {
@@ -161,7 +306,7 @@ TEST(MapBundle, OpeningTouchesNothing) {
   {
     const auto bundle = OpenOrFail(folder / "b");
     ASSERT_TRUE(bundle);
-    EXPECT_EQ(bundle->Features(3).size(), 5U);
+    EXPECT_EQ(bundle->LandmarksOf(3).size(), 3U);
   }
   EXPECT_EQ(Snapshot(folder / "b"), before);
   fs::permissions(folder / "b", fs::perms::owner_all);
@@ -174,7 +319,7 @@ TEST(MapBundle, OutlivesItsFiles) {
   ASSERT_TRUE(bundle);
   // A newer bundle replaces the folder while the old one is in use.
   fs::remove_all(folder / "b");
-  EXPECT_EQ(bundle->Features(3).keypoints[0], 110.0F);
+  EXPECT_EQ(bundle->Landmark(3).point_in_pano.x(), 101);
   EXPECT_EQ(bundle->SimilarViews(0)[0], 2U);
 }
 

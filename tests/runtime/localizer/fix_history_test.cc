@@ -2,13 +2,17 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
+
+#include "tests/support/matchers.h"
 
 namespace panofix {
 namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr double kExact_m = 1e-9;
+constexpr double kExact_m = 1e-9, kExact_rad = 1e-7;  // the angle of near-equal turns rounds
 
 Rigid3 At(double x_m) { return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(x_m, 0, 0)}; }
 
@@ -37,6 +41,39 @@ TEST(FixHistory, TwoFixesPredictConstantVelocityInTimeNotInFrames) {
   ASSERT_EQ(predictions.size(), 2U);
   EXPECT_NEAR(predictions[0].translation.x(), 13 + 2 * 3, kExact_m);
   EXPECT_NEAR(predictions[1].translation.x(), 13, kExact_m);
+}
+
+// A quarter of a radian about the vertical in the last second.
+TEST(FixHistory, ATurnIsPredictedOnAndOff) {
+  const auto turned = [](double angle_rad, double x_m) {
+    return Rigid3(Eigen::Quaterniond(Eigen::AngleAxisd(angle_rad, Eigen::Vector3d::UnitZ())),
+                  Eigen::Vector3d(x_m, 0, 0));
+  };
+  FixHistory history;
+  history.Add(0, turned(0.5, 10), {1}, false);
+  history.Add(kSecond_ns, turned(0.75, 12), {1}, false);
+  for (const double ratio : {1.0, 1.5, 2.5}) {
+    const auto predictions =
+        history.Predictions(static_cast<std::int64_t>((1 + ratio) * kSecond_ns));
+    ASSERT_EQ(predictions.size(), 3U) << ratio;
+    // Nobody turns on and on: at most half as far again.
+    const double turn_rad = 0.25 * std::min(ratio, 1.5);
+    const Eigen::Vector3d step(2 * ratio * std::cos(turn_rad), 2 * ratio * std::sin(turn_rad), 0);
+    EXPECT_THAT(predictions[0], Rigid3Near(Rigid3(turned(0.75 + turn_rad, 0).rotation,
+                                                  Eigen::Vector3d(12, 0, 0) + step),
+                                           kExact_rad, kExact_m));
+    EXPECT_THAT(predictions[1], Rigid3Near(turned(0.75, 12 + 2 * ratio), kExact_rad, kExact_m));
+    EXPECT_THAT(predictions[2], Rigid3Near(turned(0.75, 12), kExact_rad, kExact_m));
+  }
+}
+
+TEST(FixHistory, ATurnThatIsNoneIsNotPredicted) {
+  FixHistory history;
+  history.Add(0, At(10), {1}, false);
+  Rigid3 next = At(13);
+  next.rotation = Eigen::AngleAxisd(0.02, Eigen::Vector3d::UnitZ());
+  history.Add(kSecond_ns, next, {1}, false);
+  EXPECT_EQ(history.Predictions(2 * kSecond_ns).size(), 2U);
 }
 
 TEST(FixHistory, ForgetsPosesFirstAndTheWindowLater) {
@@ -72,12 +109,13 @@ TEST(FixHistory, ADegradedFixOpensTheWindowButPredictsNothing) {
   EXPECT_TRUE(history.Predictions(2 * kSecond_ns).empty());
 }
 
-TEST(FixHistory, ALostFrameBreaksTheRun) {
+TEST(FixHistory, ALostFrameKeepsTheRun) {
   FixHistory history;
   history.Add(0, At(1), {7}, false);
-  history.Lose();
-  EXPECT_TRUE(history.seeds().empty());
-  EXPECT_TRUE(history.Predictions(kSecond_ns).empty());
+  history.Advance(kSecond_ns);  // and nothing is added
+  history.Advance(2 * kSecond_ns);
+  EXPECT_EQ(history.seeds(), std::vector<std::uint32_t>{7});
+  EXPECT_EQ(history.Predictions(2 * kSecond_ns).size(), 1U);
 }
 
 }  // namespace

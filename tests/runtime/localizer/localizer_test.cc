@@ -35,7 +35,7 @@ TEST_F(LocalizerTest, SaysWhatItsBundleIs) {
   const auto localizer = Open();
   ASSERT_TRUE(localizer);
   EXPECT_EQ(localizer->bundle().num_panoramas, 4U);
-  EXPECT_EQ(localizer->bundle().num_views, 8U);
+  EXPECT_EQ(localizer->bundle().num_views, 10U);
   EXPECT_EQ(localizer->bundle().id.size(), 64U);
   EXPECT_FALSE(localizer->bundle().is_signed);
   const auto camera = Localizer::ReadBundleCamera(folder_ / "map");
@@ -85,6 +85,30 @@ TEST_F(LocalizerTest, FaultsAtOpeningHaveTheirCode) {
   options.preset = "fastest";
   EXPECT_EQ(code_of(Localizer::Open(folder_ / "map", camera_, options)),
             ErrorCode::kInvalidArgument);
+  options.preset = "paper";
+  options.add = {"luck"};
+  EXPECT_EQ(code_of(Localizer::Open(folder_ / "map", camera_, options)),
+            ErrorCode::kInvalidArgument);
+}
+
+TEST_F(LocalizerTest, ThePaperNeedsAMapWithImagesUnlessItsMatchesAreTakenAsTheyCome) {
+  LocalizerOptions options;
+  options.preset = "paper";
+  const Status status = Localizer::Open(folder_ / "map", camera_, options).status();
+  EXPECT_EQ(status.code(), ErrorCode::kInvalidArgument);
+  EXPECT_NE(status.message().find("--keep-view-images"), std::string::npos) << status.message();
+  options.add = {"mutual"};
+  auto localizer = Localizer::Open(folder_ / "map", camera_, options);
+  ASSERT_TRUE(localizer.ok()) << localizer.status().message();
+  GrayImage noise = Image(0);
+  Rng rng(1, "tests/localizer");
+  for (auto& pixel : noise.pixels) pixel = static_cast<std::uint8_t>(rng.Below(256));
+  for (int frame = 0; frame < 2; ++frame) {
+    const FrameResult result = (*localizer)->Localize(frame, noise);
+    EXPECT_EQ(result.status, FixStatus::kNoFix);
+    EXPECT_EQ(result.reason, "no_consensus");
+    EXPECT_GT(result.num_compared, 0);
+  }
 }
 
 TEST(SigmasOf, TurnsTheGridsAxesToEastAndNorth) {

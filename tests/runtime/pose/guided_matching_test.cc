@@ -27,8 +27,10 @@ Matrix6d SomeCovariance() {
 GuidedMatches Search(const FrameFeatures& frame, const Rigid3& cam_from_local,
                      const GuidedOptions& options = {}) {
   const KeypointGrid grid(frame, Street().camera());
-  return MatchGuided(frame, grid, Street().camera(), *Street().bundle(), Street().local(),
-                     cam_from_local, SomeCovariance(), options);
+  const auto landmarks = CollectLandmarks(*Street().bundle(), Street().stations(), Street().local(),
+                                          Street().camera(), cam_from_local, {});
+  return MatchGuided(frame, grid, Street().camera(), landmarks, cam_from_local, SomeCovariance(),
+                     options);
 }
 
 TEST(KeypointGrid, IsARangeQuery) {
@@ -65,21 +67,18 @@ TEST(MatchGuided, FindsTheLandmarksThatThePoseShows) {
   EXPECT_GT(matches.num_visible, 100);
   EXPECT_GE(matches.num_found, matches.num_visible * 9 / 10);
   EXPECT_LE(matches.num_decoys, matches.num_visible / 20);
-  int num_matches = 0;
-  for (const ViewMatches& view : matches.views) {
-    ASSERT_EQ(view.correspondences.size(), view.keypoint_idx.size());
-    EXPECT_FALSE(view.correspondences.empty());
-    for (std::size_t i = 0; i < view.keypoint_idx.size(); ++i) {
-      const Correspondence& c = view.correspondences[i];
-      EXPECT_EQ(c.bearing_in_cam, frame.bearings[static_cast<std::size_t>(view.keypoint_idx[i])]);
-      // The right keypoint: its noise off the projection, five sigmas of it.
-      const Eigen::Vector3d x_in_cam = cam_from_local * c.point_in_map;
-      EXPECT_LE((x_in_cam.hnormalized() - c.bearing_in_cam).norm() * Street().camera().fx_px,
-                5 * 0.5);
-      ++num_matches;
-    }
+  const ViewMatches& found = matches.matches;
+  ASSERT_EQ(static_cast<int>(found.correspondences.size()), matches.num_found);
+  ASSERT_EQ(found.keypoint_idx.size(), found.correspondences.size());
+  ASSERT_EQ(found.landmark_ids.size(), found.correspondences.size());
+  for (std::size_t i = 0; i < found.keypoint_idx.size(); ++i) {
+    const Correspondence& c = found.correspondences[i];
+    EXPECT_EQ(c.bearing_in_cam, frame.bearings[static_cast<std::size_t>(found.keypoint_idx[i])]);
+    // The right keypoint: its noise off the projection, five sigmas of it.
+    const Eigen::Vector3d x_in_cam = cam_from_local * c.point_in_map;
+    EXPECT_LE((x_in_cam.hnormalized() - c.bearing_in_cam).norm() * Street().camera().fx_px,
+              5 * 0.5);
   }
-  EXPECT_EQ(num_matches, matches.num_found);
 }
 
 TEST(MatchGuided, ASmallErrorOfThePoseIsBridged) {
@@ -134,7 +133,7 @@ TEST(MatchGuided, FarFromAllPanoramasNothingIsVisible) {
   const Rigid3 far = Street().CamFromLocal({0, 500, 1.5}, 0);
   const GuidedMatches matches = Search(Street().Frame(far, 0.5, 100), far);
   EXPECT_EQ(matches.num_visible, 0);
-  EXPECT_TRUE(matches.views.empty());
+  EXPECT_TRUE(matches.matches.correspondences.empty());
 }
 
 TEST(MatchGuided, AFrameWithoutFeatures) {

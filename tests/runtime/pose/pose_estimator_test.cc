@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <stdexcept>
 
 #include "tests/runtime/pose/synthetic_street.h"
@@ -21,7 +22,7 @@ PoseOptions Options(const SyntheticStreet& street) {
 
 PoseOutcome Estimate(const SyntheticStreet& street, const FrameFeatures& frame,
                      const std::vector<ViewMatches>& views, const PoseOptions& options) {
-  return EstimatePose(views, {}, frame, street.camera(), *street.bundle(), street.local(), options);
+  return EstimatePose(street.Context(frame, options), views);
 }
 
 PoseOutcome Estimate(const SyntheticStreet& street, const FrameFeatures& frame,
@@ -116,14 +117,60 @@ TEST(EstimatePose, TooFewMatchesAreSaid) {
       Street().Frame(Street().CamFromLocal({0.8, 14, 1.6}, 10), kPixelSigma, 0);
   auto views = Street().Match(frame, 1, 1);
   ASSERT_FALSE(views.empty());
+  PoseOptions options = Options(Street());
+  options.use_guided = false;
   views.resize(1);
   for (const std::size_t count : {std::size_t{0}, std::size_t{3}, std::size_t{7}}) {
     ASSERT_GE(views[0].correspondences.size(), count);
     auto few = views;
     few[0].correspondences.resize(count), few[0].keypoint_idx.resize(count);
-    const PoseOutcome outcome = Estimate(Street(), frame, few);
+    few[0].landmark_ids.resize(count);
+    const PoseOutcome outcome = Estimate(Street(), frame, few, options);
     EXPECT_FALSE(outcome.trusted);
     EXPECT_EQ(outcome.reason, "too_few_matches") << count;
+  }
+}
+
+// Where no match agrees, a retrieved view's own pose is a start for the guided search.
+TEST(EstimatePose, ARetrievedViewLendsItsPose) {
+  const Rigid3 truth = Street().CamFromLocal({0.8, 14, 1.6}, 10);
+  const FrameFeatures frame = Street().Frame(truth, kPixelSigma, 100);
+  const auto estimate_from = [&](std::uint32_t panorama, std::uint32_t v) {
+    ViewMatches no_matches;
+    no_matches.view_idx = Street().bundle()->first_station(panorama) * kStreetViews + v;
+    return Estimate(Street(), frame, {no_matches});
+  };
+  // The third panorama stands at 16 m and its last view looks 5 degrees to the right.
+  const PoseOutcome near = estimate_from(2, 7);
+  ASSERT_TRUE(near.trusted) << near.reason;
+  EXPECT_THAT(near.cam_from_local.Inverse(), Rigid3Near(truth.Inverse(), kTol_rad, kTol_m));
+  const PoseOutcome backwards = estimate_from(2, 3);
+  EXPECT_FALSE(backwards.trusted);
+  EXPECT_NE(backwards.reason, "");
+}
+
+// Two places that look the same: only the past tells them apart.
+TEST(EstimatePose, LookAlikesNeedThePast) {
+  const SyntheticStreet street(StreetShape::kTwins, 250);
+  const Eigen::Vector3d here(0.8, 3, 1.6), there(0.8, 3 + kTwinPeriod_m, 1.6);
+  const FrameFeatures frame = street.Frame(street.CamFromLocal(here, 10), kPixelSigma, 100);
+  const auto views = street.Match(frame, 0, 5);
+  const PoseOptions options = Options(street);
+  PoseContext context = street.Context(frame, options);
+  const PoseOutcome unknown = EstimatePose(context, views);
+  EXPECT_FALSE(unknown.trusted);
+  EXPECT_EQ(unknown.reason, "ambiguous_place");
+  for (const Eigen::Vector3d& place : {here, there}) {
+    const Rigid3 truth = street.CamFromLocal(place, 10);
+    const Eigen::Vector3d place_in_map = street.local().ToMap(truth.Inverse().translation);
+    context.prior = [&](const Eigen::Vector3d& position_in_map) {
+      return (position_in_map - place_in_map).norm() < 10 ? 0.9 : 0.001;
+    };
+    const PoseOutcome outcome = EstimatePose(context, views);
+    // The place that the past speaks for is taken, or none: the frame was taken here.
+    EXPECT_TRUE(outcome.trusted || place == there) << outcome.reason;
+    if (!outcome.trusted) continue;
+    EXPECT_THAT(outcome.cam_from_local.Inverse(), Rigid3Near(truth.Inverse(), kTol_rad, kTol_m));
   }
 }
 

@@ -3,12 +3,12 @@
 #include <cmath>
 
 #include "common/geometry/attitude.h"
+#include "common/map/landmark_codes.h"
 #include "tests/common/features/random_descriptors.h"
 
 namespace panofix {
 namespace {
 
-constexpr int kPanoramas = 6, kViewsAPanorama = 8;
 constexpr double kSpacing_m = 8, kCameraHeight_m = 2.5, kWall_m = 7;
 // A camera sees all that panoramas near it show.
 constexpr double kPanoramaRange_m = 30, kCameraRange_m = 100;
@@ -34,14 +34,21 @@ std::vector<StreetLandmark> MakeLandmarks(StreetShape shape, int count) {
   std::vector<StreetLandmark> landmarks;
   for (int i = 0; i < count; ++i) {
     StreetLandmark l;
-    const bool left = shape == StreetShape::kTwoWalls && rng.Below(2) == 0;
+    const bool two = shape == StreetShape::kTwoWalls || shape == StreetShape::kTwins;
+    const bool left = two && rng.Below(2) == 0;
     l.position = {left ? -kWall_m : kWall_m, rng.Uniform(-20, 70), rng.Uniform(0, 9)};
+    if (shape == StreetShape::kTwins) l.position.y() = rng.Uniform(-20, -20 + kTwinPeriod_m);
     if (shape == StreetShape::kLine) l.position.z() = 3;
     l.surface_idx = left ? 2 : 1;
     l.size_m = rng.Uniform(0.1, 0.5);
     l.angle_deg = static_cast<float>(rng.Uniform(0, 360));
     l.descriptor = RandomRootSift(&rng);
     landmarks.push_back(l);
+    if (shape != StreetShape::kTwins) continue;
+    for (int twin = 0; twin < 2; ++twin) {
+      l.position.y() += kTwinPeriod_m;
+      landmarks.push_back(l);
+    }
   }
   return landmarks;
 }
@@ -63,55 +70,95 @@ Rigid3 StreetFromCam(const Eigen::Vector3d& position, double heading_deg) {
   return {Eigen::Matrix3d(EnuFromBody({heading_deg, 0, 0}) * BodyFromCam()), position};
 }
 
+// Panoramas look anywhere.
+double HeadingOf_deg(std::uint32_t panorama) { return 25.0 * panorama; }
+Rigid3 StreetFromPano(std::uint32_t panorama) {
+  return {Eigen::Matrix3d(EnuFromBody({HeadingOf_deg(panorama), 0, 0})),
+          Eigen::Vector3d(0, kSpacing_m * panorama, kCameraHeight_m)};
+}
+const Eigen::Vector3d kVirtualInStreet(0, 0.5 * kSpacing_m, 0);  // from its panorama
+
+std::uint32_t AnchorOf(const StreetLandmark& landmark) {
+  const long nearest = std::lround(landmark.position.y() / kSpacing_m);
+  return static_cast<std::uint32_t>(std::clamp(nearest, 0L, long{kStreetPanoramas - 1}));
+}
+
+// Sorts the landmarks by anchor: their numbers in the tile.
+void AddAnchors(std::vector<StreetLandmark>* landmarks, const std::vector<std::string>& ids,
+                CraftedTile* tile) {
+  std::stable_sort(landmarks->begin(), landmarks->end(),
+                   [](const auto& a, const auto& b) { return AnchorOf(a) < AnchorOf(b); });
+  auto next = landmarks->begin();
+  for (std::uint32_t p = 0; p < kStreetPanoramas; ++p) {
+    const Rigid3 pano_from_street = StreetFromPano(p).Inverse();
+    for (; next != landmarks->end() && AnchorOf(*next) == p; ++next) {
+      MapLandmark landmark;
+      landmark.point_in_pano = pano_from_street * next->position;
+      landmark.range_sigma_m = 0.02 * landmark.point_in_pano.norm();
+      landmark.point_sigma_m = kStreetPointSigma_m;
+      landmark.surface_idx = next->surface_idx;
+      landmark.size_m = next->size_m, landmark.angle_deg = double{next->angle_deg};
+      std::array<std::uint8_t, kPackedDescriptorSize> packed;
+      PackDescriptor(
+          std::span<const std::uint8_t, kDescriptorSize>(next->descriptor.data(), kDescriptorSize),
+          packed.data());
+      tile->AddLandmark(landmark, packed);
+    }
+    const Eigen::Vector3d right = pano_from_street.rotation * Eigen::Vector3d::UnitX();
+    tile->EndAnchor(ids[p], {{},
+                             {right, kStreetShareSigma, kStreetNormalSigma_rad},
+                             {-right, kStreetShareSigma, kStreetNormalSigma_rad}});
+  }
+}
+
+// The views of a station of panorama p.
+void AddViews(const std::vector<StreetLandmark>& landmarks, const Camera& camera, std::uint32_t p,
+              const Eigen::Vector3d& station_in_street, CraftedTile* tile) {
+  for (std::uint32_t v = 0; v < kStreetViews; ++v) {
+    const Rigid3 cam_from_street =
+        StreetFromCam(station_in_street, HeadingOf_deg(p) + 45.0 * v).Inverse();
+    std::vector<std::uint32_t> shown;
+    for (std::uint32_t i = 0; i < landmarks.size(); ++i) {
+      if (See(camera, cam_from_street, landmarks[i], kPanoramaRange_m)) shown.push_back(i);
+    }
+    tile->EndView(shown, {});
+  }
+}
+
 }  // namespace
 
 SyntheticStreet::SyntheticStreet(StreetShape shape, int num_landmarks)
     : landmarks_(MakeLandmarks(shape, num_landmarks)) {
-  CraftedBundle crafted = SmallBundle();
-  Manifest manifest = crafted.manifest;
+  const CraftedBundle small = SmallBundle();
+  CraftedBundle crafted;
+  crafted.manifest = small.manifest, crafted.vocabulary = small.vocabulary;
   const MapFrame lambert93 = *MapFrame::FromName("EPSG:2154");
-  manifest.map_frame = lambert93.parameters();
-  const Vocabulary vocabulary = crafted.vocabulary;
-  crafted = {};
-  crafted.manifest = manifest, crafted.vocabulary = vocabulary;
-  for (int v = 0; v < kViewsAPanorama; ++v)
+  crafted.manifest.map_frame = lambert93.parameters();
+  for (std::uint32_t v = 0; v < kStreetViews; ++v)
     crafted.directions.insert(crafted.directions.end(), {45.0 * v, 0});
-  const Eigen::Vector3d origin_in_map = lambert93.ToMap({46.5, 3.2, 0});
-  const double scale = lambert93.PointScale({46.5, 3.2, 0});
-  CraftedTile& tile = crafted.tiles.emplace_back();
-  tile.path = "tiles/0.h5";
-  for (int p = 0; p < kPanoramas; ++p) {
-    const Eigen::Vector3d centre(0, kSpacing_m * p, kCameraHeight_m);
-    const double heading_deg = 25.0 * p;  // panoramas look anywhere
-    const Eigen::Matrix3d street_from_pano = EnuFromBody({heading_deg, 0, 0});
+  const LocalFrame map_of_street{lambert93.ToMap({46.5, 3.2, 0}),
+                                 lambert93.PointScale({46.5, 3.2, 0})};
+  for (std::uint32_t p = 0; p < kStreetPanoramas; ++p) {
+    const Rigid3 street_from_pano = StreetFromPano(p);
     crafted.AddPanorama(
         "p" + std::to_string(p),
-        Rigid3(street_from_pano,
-               origin_in_map + Eigen::Vector3d(scale * centre.x(), scale * centre.y(), centre.z())),
-        {});
-    tile.panorama_ids.push_back(crafted.ids.back());
-    for (int v = 0; v < kViewsAPanorama; ++v) {
-      const Rigid3 cam_from_street = StreetFromCam(centre, heading_deg + 45.0 * v).Inverse();
-      for (const StreetLandmark& landmark : landmarks_) {
-        const auto keypoint = See(manifest.camera, cam_from_street, landmark, kPanoramaRange_m);
-        if (!keypoint) continue;
-        const Eigen::Vector3d point_in_pano =
-            street_from_pano.transpose() * (landmark.position - centre);
-        tile.AddFeature(*keypoint, point_in_pano, 0.02 * point_in_pano.norm(), landmark.descriptor,
-                        landmark.surface_idx);
-      }
-      tile.EndView({});
-    }
-    const auto plane = [&](const Eigen::Vector3d& n) {
-      const Eigen::Vector3d n_in_pano = street_from_pano.transpose() * n;
-      return Eigen::Vector4d(n_in_pano.x(), n_in_pano.y(), n_in_pano.z(), kWall_m);
-    };
-    tile.EndPanorama({Eigen::Vector4d::Zero(), plane(Eigen::Vector3d::UnitX()),
-                      plane(-Eigen::Vector3d::UnitX())});
+        {street_from_pano.rotation, map_of_street.ToMap(street_from_pano.translation)}, {});
+    crafted.AddStation((street_from_pano.rotation.conjugate() * kVirtualInStreet).cast<float>());
   }
-  crafted.similar_offsets.assign(crafted.ids.size() * kViewsAPanorama + 1, 0);
+  CraftedTile& tile = crafted.tiles.emplace_back();
+  tile.path = "tiles/0.h5";
+  tile.panorama_ids = crafted.ids;
+  AddAnchors(&landmarks_, crafted.ids, &tile);
+  for (std::uint32_t p = 0; p < kStreetPanoramas; ++p) {
+    const Eigen::Vector3d centre = StreetFromPano(p).translation;
+    AddViews(landmarks_, crafted.manifest.camera, p, centre, &tile);
+    AddViews(landmarks_, crafted.manifest.camera, p, centre + kVirtualInStreet, &tile);
+  }
+  crafted.similar_offsets.assign(crafted.ids.size() * kStreetViews + 1, 0);
   crafted.Write(folder_ / "b");
   bundle_ = ValueOrThrow(MapBundle::Open(folder_ / "b"));
+  stations_ = std::make_unique<const StationGrid>(*bundle_);
+  local_ = LocalFrame::At(bundle_->panoramas()[0]);
 }
 
 Rigid3 SyntheticStreet::LocalFromStreet() const {
@@ -150,8 +197,10 @@ FrameFeatures SyntheticStreet::Frame(const Rigid3& cam_from_local, double pixel_
 std::vector<ViewMatches> SyntheticStreet::Match(const FrameFeatures& frame, std::uint32_t first,
                                                 std::uint32_t last) const {
   std::vector<ViewMatches> views;
-  for (std::uint32_t view = first * kViewsAPanorama; view < (last + 1) * kViewsAPanorama; ++view) {
-    ViewMatches matches = MatchView(frame, camera(), *bundle_, view, local(), {});
+  const std::uint32_t begin = bundle_->first_station(first) * kStreetViews,
+                      end = bundle_->first_station(last + 1) * kStreetViews;
+  for (std::uint32_t view = begin; view < end; ++view) {
+    ViewMatches matches = MatchView(frame, camera(), *bundle_, view, local_, {});
     if (!matches.correspondences.empty()) views.push_back(std::move(matches));
   }
   return views;

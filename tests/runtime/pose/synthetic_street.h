@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "common/base/rng.h"
-#include "runtime/pose/frame_matches.h"
+#include "runtime/pose/pose_estimator.h"
 #include "tests/common/io/temp_folder.h"
 #include "tests/common/map/crafted_bundle.h"
 
@@ -21,17 +21,28 @@ struct StreetLandmark {
   std::vector<std::uint8_t> descriptor;
 };
 
-enum class StreetShape { kTwoWalls, kOneWall, kLine };
+// kTwins: two walls whose first 32 m are repeated for ever: places 32 m apart look the same.
+enum class StreetShape { kTwoWalls, kOneWall, kLine, kTwins };
+inline constexpr double kTwinPeriod_m = 32;
 
-// Panoramas every 8 m along y, 2.5 m high, in a grid whose point scale is not one; walls 7 m to
-// each side. All landmarks are seen by all panoramas within 30 m whose views show them.
+// What the map says of its landmarks and walls.
+inline constexpr double kStreetPointSigma_m = 0.02, kStreetShareSigma = 0.02,
+                        kStreetNormalSigma_rad = 0.005;
+inline constexpr std::uint32_t kStreetPanoramas = 6,
+                               kStreetViews = 8;  // panoramas; views a station
+
+// Panoramas every 8 m along y, 2.5 m high, in a grid whose point scale is not one, each with a
+// virtual station 4 m on; walls 7 m to each side. Every landmark is in the map once, anchored at
+// the panorama nearest to it, and shown by all views within 30 m that look at it. Descriptors are
+// packed.
 class SyntheticStreet {
  public:
   explicit SyntheticStreet(StreetShape shape, int num_landmarks = 600);
   [[nodiscard]] const std::shared_ptr<const MapBundle>& bundle() const { return bundle_; }
   [[nodiscard]] const Camera& camera() const { return bundle_->manifest().camera; }
+  [[nodiscard]] const StationGrid& stations() const { return *stations_; }
   // A frame of the street that equals LocalFrame::At(panorama 0) but for the panorama's height.
-  [[nodiscard]] LocalFrame local() const { return LocalFrame::At(bundle_->panoramas()[0]); }
+  [[nodiscard]] const LocalFrame& local() const { return local_; }
   // Pose of a camera `heading_deg` clockwise from the street's direction.
   [[nodiscard]] Rigid3 CamFromLocal(const Eigen::Vector3d& position_in_street,
                                     double heading_deg) const;
@@ -41,12 +52,18 @@ class SyntheticStreet {
   // Matches of the views of panoramas [first, last] that have any.
   [[nodiscard]] std::vector<ViewMatches> Match(const FrameFeatures& frame, std::uint32_t first,
                                                std::uint32_t last) const;
+  // Refers to the arguments and to this street.
+  [[nodiscard]] PoseContext Context(const FrameFeatures& frame, const PoseOptions& options) const {
+    return {frame, camera(), *bundle_, stations(), local_, options, nullptr};
+  }
 
  private:
   [[nodiscard]] Rigid3 LocalFromStreet() const;
   std::vector<StreetLandmark> landmarks_;
   TempFolder folder_;
   std::shared_ptr<const MapBundle> bundle_;
+  std::unique_ptr<const StationGrid> stations_;
+  LocalFrame local_;
 };
 
 }  // namespace panofix

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "common/geometry/attitude.h"
-#include "runtime/pose/frame_matches.h"
+#include "common/map/map_bundle.h"
 
 namespace panofix {
 namespace {
@@ -52,12 +52,6 @@ TEST(LocalFrame, APanoramaKeepsItsAttitude) {
   EXPECT_LE(AngleBetween(local_from_b.rotation, b.map_from_pano.rotation), 1e-7);
   EXPECT_NEAR(local_from_b.translation.z(), 1, kRounding_m);
   EXPECT_LE(LocalFrame::At(a).LocalFromPano(a).translation.norm(), 0.0);
-}
-
-TEST(KeypointSigma, GrowsWithTheRegion) {
-  EXPECT_GT(KeypointSigma_px(0), 0.0);
-  EXPECT_EQ(KeypointSigma_px(0), KeypointSigma_px(2));
-  EXPECT_GT(KeypointSigma_px(40), KeypointSigma_px(20));
 }
 
 }  // namespace

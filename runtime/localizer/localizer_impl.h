@@ -1,0 +1,109 @@
+#pragma once
+// What a localizer holds and the steps of a frame; private to this module.
+
+#include <tbb/global_control.h>
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "common/map/map_bundle.h"
+#include "runtime/localizer/calibration_watch.h"
+#include "runtime/localizer/estimator_options.h"
+#include "runtime/localizer/fix_history.h"
+#include "runtime/localizer/localizer.h"
+#include "runtime/localizer/past_frames.h"
+#include "runtime/pose/pose_estimator.h"
+#include "runtime/retrieval/retrieval.h"
+#include "runtime/tracking/place_filter.h"
+
+namespace panofix {
+
+class Stopwatch {
+ public:
+  // Milliseconds since the last lap.
+  double Lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double ms = std::chrono::duration<double, std::milli>(now - last_).count();
+    last_ = now;
+    return ms;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+[[nodiscard]] PlaceGraph PlaceGraphOf(const MapBundle& bundle);
+
+struct Localizer::Impl {
+  Impl(std::shared_ptr<const MapBundle> map, const Camera& cam,
+       const LocalizerOptions& localizer_options)
+      : bundle(std::move(map)),
+        levers(ResolveLevers(localizer_options.preset, localizer_options.add)),
+        retrieval(bundle, RetrievalOptionsFor(levers, *bundle)),
+        stations(*bundle),
+        places(PlaceGraphOf(*bundle), {}),
+        camera(cam),
+        options(localizer_options),
+        pose_options(PoseOptionsFor(levers, *bundle, cam, options.seed)),
+        paper_options(PaperOptionsFor(levers, cam, options.seed)) {
+    if (!levers.tracking) matcher.emplace(bundle, cam, paper_options);
+    if (options.num_threads > 0) {
+      thread_limit =
+          std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
+                                                static_cast<std::size_t>(options.num_threads));
+    }
+    const Manifest& manifest = bundle->manifest();
+    identity.name = manifest.name;
+    identity.id = bundle->id();
+    identity.build = manifest.build;
+    identity.num_panoramas = bundle->panoramas().size();
+    identity.num_views = bundle->views().size();
+  }
+
+  FrameFeatures ExtractFeatures(const GrayImage& image, StageLatency* latency) const;
+  BagOfWords MakeBag(const GrayImage& image, const FrameFeatures& features,
+                     StageLatency* latency) const;
+  [[nodiscard]] std::vector<Rigid3> Predict(std::int64_t now_ns, const LocalFrame& local) const;
+  bool Track(const FrameFeatures& features, FrameResult* result);
+  [[nodiscard]] PoseContext Context(const FrameFeatures& features, const LocalFrame& local) const;
+  // Panoramas that hold most of the belief; empty where it is spread too far.
+  [[nodiscard]] std::vector<std::uint32_t> Window() const;
+  RetrievalResult Retrieve(const RetrievalQuery& query, const std::vector<std::uint32_t>& window,
+                           FrameResult* result);
+  PoseOutcome Solve(const FrameFeatures& features, const RetrievalResult& retrieved,
+                    LocalFrame* local, StageLatency* latency) const;
+  // Takes a trusted outcome as the frame's answer; false where it is not trusted.
+  bool Accept(const FrameFeatures& features, const PoseOutcome& outcome, const LocalFrame& local,
+              FrameResult* result);
+  // Whether the map has no second of what the pose rests on.
+  [[nodiscard]] bool IsDistinct(const FrameFeatures& features, const PoseOutcome& outcome,
+                                const LocalFrame& local);
+  void Advance(std::int64_t now_ns);
+  void Run(const GrayImage& frame, FrameResult* result);  // result->timestamp_ns is set
+  void RunUntracked(const GrayImage& image, const FrameFeatures& features, FrameResult* result);
+  void Fill(const PoseOutcome& outcome, const LocalFrame& local, FrameResult* result) const;
+
+  std::shared_ptr<const MapBundle> bundle;
+  Levers levers;
+  Retrieval retrieval;
+  StationGrid stations;
+  PlaceFilter places;
+  std::int64_t last_frame_ns = 0;
+  bool has_last_frame = false;
+  Camera camera;
+  LocalizerOptions options;
+  PoseOptions pose_options;
+  PaperOptions paper_options;
+  std::optional<PaperMatcher> matcher;        // where nothing is tracked
+  std::vector<std::uint32_t> last_retrieved;  // views around which it looks next
+  BundleIdentity identity;
+  std::unique_ptr<tbb::global_control> thread_limit;
+  FixHistory history;
+  CalibrationWatch calibration;
+  LandmarkVotes::AliasVotes run_votes;  // of the run of fixes that history follows
+  PastFrames past;
+};
+
+}  // namespace panofix

@@ -1,0 +1,211 @@
+// The steps of a frame.
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+
+#include "common/base/log.h"
+#include "common/geometry/attitude.h"
+#include "runtime/localizer/localizer_impl.h"
+
+namespace panofix {
+namespace {
+
+// Where belief is so concentrated, retrieval looks there first.
+constexpr double kWindowShare = 0.8;  // of the belief on the map
+constexpr std::size_t kWindowPanoramas = 12;
+constexpr double kWindowBelief = 0.5;  // that all of them must hold
+constexpr double kPriorRadius_m =
+    15;  // belief within speaks for a place: panoramas stand this far apart
+
+}  // namespace
+
+PlaceGraph PlaceGraphOf(const MapBundle& bundle) {
+  PlaceGraph graph;
+  for (const MapPanorama& panorama : bundle.panoramas()) {
+    graph.positions_in_map.push_back(panorama.map_from_pano.translation);
+    graph.links.push_back(panorama.links);
+  }
+  return graph;
+}
+
+FrameFeatures Localizer::Impl::ExtractFeatures(const GrayImage& image,
+                                               StageLatency* latency) const {
+  Stopwatch watch;
+  FrameFeatures features;
+  features.sift = ExtractSift(image, bundle->manifest().features);
+  for (const Keypoint& k : features.sift.keypoints) {
+    features.bearings.push_back(camera.Normalize({double{k.x_px}, double{k.y_px}}));
+  }
+  latency->features_ms += watch.Lap();
+  return features;
+}
+
+BagOfWords Localizer::Impl::MakeBag(const GrayImage& image, const FrameFeatures& features,
+                                    StageLatency* latency) const {
+  Stopwatch watch;
+  const FeatureSet mser = ExtractMser(image, bundle->manifest().features);
+  const Vocabulary& vocabulary = bundle->vocabulary();
+  BagOfWords bag = vocabulary.Bag(vocabulary.SiftWords(features.sift), vocabulary.MserWords(mser));
+  latency->features_ms += watch.Lap();
+  return bag;
+}
+
+std::vector<Rigid3> Localizer::Impl::Predict(std::int64_t now_ns, const LocalFrame& local) const {
+  std::vector<Rigid3> predictions;
+  for (const Rigid3& map_from_cam : history.Predictions(now_ns)) {
+    predictions.push_back(
+        Rigid3(map_from_cam.rotation, local.FromMap(map_from_cam.translation)).Inverse());
+  }
+  return predictions;
+}
+
+// Follows the last fixes: no retrieval, no words.
+bool Localizer::Impl::Track(const FrameFeatures& features, FrameResult* result) {
+  if (!pose_options.use_guided || levers.exhaustive || history.seeds().empty()) return false;
+  Stopwatch watch;
+  const LocalFrame local =
+      LocalFrame::At(bundle->panoramas()[bundle->views()[history.seeds().front()].panorama_idx]);
+  const PoseOutcome outcome =
+      TrackPose(Context(features, local), Predict(result->timestamp_ns, local));
+  result->latency.pose_ms += watch.Lap();
+  return !outcome.degraded && Accept(features, outcome, local, result);
+}
+
+PoseContext Localizer::Impl::Context(const FrameFeatures& features, const LocalFrame& local) const {
+  PoseContext context{features, camera, *bundle, stations, local, pose_options, nullptr};
+  // Only a fix speaks for a place; likeness alone would speak for a look-alike too.
+  if (levers.tracking && history.HasRecentFix()) {
+    context.prior = [this](const Eigen::Vector3d& position_in_map) {
+      return places.BeliefNear(position_in_map, kPriorRadius_m);
+    };
+    context.past = past.InLocal(*bundle, local);
+  }
+  return context;
+}
+
+std::vector<std::uint32_t> Localizer::Impl::Window() const {
+  if (levers.exhaustive) return {};
+  std::vector<std::uint32_t> window = places.Likely(kWindowShare, kWindowPanoramas);
+  double belief = 0;
+  for (const std::uint32_t p : window) belief += places.belief()[p];
+  if (belief < kWindowBelief) window.clear();
+  return window;
+}
+
+RetrievalResult Localizer::Impl::Retrieve(const RetrievalQuery& query,
+                                          const std::vector<std::uint32_t>& window,
+                                          FrameResult* result) {
+  Stopwatch watch;
+  RetrievalResult retrieved;
+  if (!window.empty()) {
+    retrieved = retrieval.Windowed(query, history.seeds(), window);
+  } else {
+    std::vector<float> similarity;
+    retrieved = retrieval.Global(query, &similarity);
+    places.UpdateSimilarity(similarity);
+  }
+  result->latency.retrieval_ms += watch.Lap();
+  // Distinct views: a window lies within the whole map.
+  result->num_compared = std::max(result->num_compared, retrieved.num_compared);
+  return retrieved;
+}
+
+PoseOutcome Localizer::Impl::Solve(const FrameFeatures& features, const RetrievalResult& retrieved,
+                                   LocalFrame* local, StageLatency* latency) const {
+  Stopwatch watch;
+  std::vector<ViewMatches> matches(retrieved.views.size());
+  *local = LocalFrame::At(
+      bundle->panoramas()[bundle->views()[retrieved.views.front().view_idx].panorama_idx]);
+  const MatchOptions match_options;
+  tbb::parallel_for(std::size_t{0}, matches.size(), [&](std::size_t i) {
+    matches[i] =
+        MatchView(features, camera, *bundle, retrieved.views[i].view_idx, *local, match_options);
+  });
+  latency->matching_ms += watch.Lap();
+  PoseOutcome outcome = EstimatePose(Context(features, *local), matches);
+  latency->pose_ms += watch.Lap();
+  return outcome;
+}
+
+void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local,
+                           FrameResult* result) const {
+  const Rigid3 local_from_cam = outcome.cam_from_local.Inverse();
+  FramePose pose;
+  pose.position_in_map = local.ToMap(local_from_cam.translation);
+  pose.map_from_cam = local_from_cam.rotation;
+  pose.position = bundle->frame().ToGeodetic(pose.position_in_map);
+  const Eigen::Matrix3d enu_from_map = bundle->frame().MapFromEnu(pose.position).transpose();
+  pose.enu_from_cam =
+      Eigen::Quaterniond(enu_from_map * local_from_cam.rotation.toRotationMatrix()).normalized();
+  pose.attitude = AttitudeFromEnu(pose.enu_from_cam.toRotationMatrix() * BodyFromCam().transpose());
+  pose.covariance_in_map = outcome.covariance;
+  result->pose = pose;
+  result->status = outcome.degraded ? FixStatus::kDegraded : FixStatus::kFix;
+}
+
+bool Localizer::Impl::IsDistinct(const FrameFeatures& features, const PoseOutcome& outcome,
+                                 const LocalFrame& local) {
+  LandmarkVotes::Support support;
+  support.keypoint_idx = outcome.agreed_keypoints;
+  for (const Correspondence& match : outcome.agreed)
+    support.points_in_map.push_back(local.ToMap(match.point_in_map));
+  const LandmarkVotes::AliasVotes votes =
+      retrieval.VotesElsewhere({{}, features.sift, features.bearings, camera}, support);
+  const bool is_run = history.HasRecentFix() && run_votes.own > 0;
+  // Votes add up over a run; older ones fade.
+  constexpr double kKept = 0.7;
+  const double kept = is_run ? kKept : 0;
+  run_votes = {kept * run_votes.own + votes.own, kept * run_votes.elsewhere + votes.elsewhere};
+  LogDebug(Format("votes elsewhere %.2f of %.2f, of the run %.2f of %.2f", votes.elsewhere,
+                  votes.own, run_votes.elsewhere, run_votes.own));
+  return run_votes.elsewhere <
+         run_votes.own * (is_run ? pose_options.max_alias_share : pose_options.find_alias_share);
+}
+
+bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& outcome,
+                             const LocalFrame& local, FrameResult* result) {
+  result->reason = outcome.reason;
+  result->num_inliers = outcome.num_inliers;
+  result->num_views = static_cast<int>(outcome.views.size());
+  if (!outcome.trusted) return false;
+  // What the map has twice tells no place, however well it is matched; it may be followed, not
+  // told.
+  const bool is_distinct = !levers.tracking || IsDistinct(features, outcome, local);
+  Fill(outcome, local, result);
+  result->best_panorama = bundle->panoramas()[bundle->views()[outcome.best_view].panorama_idx].id;
+  history.Add(result->timestamp_ns,
+              Rigid3(result->pose->map_from_cam, result->pose->position_in_map), outcome.views,
+              outcome.degraded);
+  if (!is_distinct) {
+    result->status = FixStatus::kNoFix;
+    result->reason = "ambiguous_place";
+    result->pose.reset();
+    return true;
+  }
+  if (!outcome.degraded) {
+    calibration.Add(outcome.focal);
+    past.Add(result->timestamp_ns,
+             Rigid3(result->pose->map_from_cam, result->pose->position_in_map), outcome.agreed,
+             pose_options.past_frames);
+  }
+  places.UpdateFix(result->pose->position_in_map,
+                   std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()));
+  if (levers.guided && !outcome.degraded && calibration.IsOff()) {
+    result->status = FixStatus::kDegraded;
+    result->reason = "calibration_off";
+    result->pose->covariance_in_map *=
+        pose_options.degraded_sigma_factor * pose_options.degraded_sigma_factor;
+  }
+  return true;
+}
+
+void Localizer::Impl::Advance(std::int64_t now_ns) {
+  history.Advance(now_ns);
+  past.Advance(now_ns, pose_options.past_age_s);
+  if (has_last_frame)
+    places.Predict(1e-9 * (static_cast<double>(now_ns) - static_cast<double>(last_frame_ns)));
+  last_frame_ns = now_ns;
+  has_last_frame = true;
+}
+
+}  // namespace panofix

@@ -1,0 +1,80 @@
+#pragma once
+// Retrieval by landmarks: keypoints vote for the views that show a landmark like them, at the place
+// in the picture and the size that the view's own pose would give it.
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "common/camera/camera.h"
+#include "common/features/features.h"
+#include "common/map/local_frame.h"
+#include "common/map/map_bundle.h"
+
+namespace panofix {
+
+struct VoteOptions {
+  int num_words = 3;              // looked up a keypoint: a descriptor lies near several
+  double descriptor_sigma = 140;  // of RootSIFT bytes: a vote weighs exp(-d^2 / 2 sigma^2)
+  double max_descriptor_distance = 300;
+  double max_turn_deg = 25;     // of the keypoint against the landmark
+  double max_size_ratio = 2.0;  // of the keypoint against the landmark seen from the station
+  double max_across_deg = 28;   // a view's direction is half a step off at most, and parallax
+  double max_up_deg = 10;       // the camera's tilt, and parallax
+  double bin_deg = 9;           // turns that agree; two neighbours are one
+};
+
+// Words (Sivic and Zisserman, ICCV 2003) find the landmarks, descriptors and weak geometry (Jegou,
+// Douze and Schmid, ECCV 2008) weigh them. Immutable, thread-safe.
+class LandmarkVotes {
+ public:
+  LandmarkVotes(std::shared_ptr<const MapBundle> bundle, const VoteOptions& options);
+  // Votes for each view of the map, 0 and up; only for views with `wanted` set where it is not
+  // empty. `camera` took the frame; bearings (x/z, y/z) go with its keypoints.
+  [[nodiscard]] std::vector<float> Score(const FeatureSet& sift,
+                                         std::span<const Eigen::Vector2d> bearings,
+                                         const Camera& camera,
+                                         const std::vector<char>& wanted) const;
+
+  // What a pose rests on: keypoints, and where the landmarks that they show lie in the map.
+  struct Support {
+    std::vector<int> keypoint_idx;
+    std::vector<Eigen::Vector3d> points_in_map;  // one a keypoint
+  };
+  // Most votes that the support gathers for any view: through the landmarks it shows, and through
+  // others elsewhere in the map. Their ratio is near 0 in a street of its own, near 1 where what is
+  // seen is repeated, a look-alike.
+  struct AliasVotes {
+    double own = 0, elsewhere = 0;
+  };
+  [[nodiscard]] AliasVotes VotesElsewhere(const FeatureSet& sift,
+                                          std::span<const Eigen::Vector2d> bearings,
+                                          const Camera& camera, const Support& support) const;
+
+ private:
+  // Calls visit(landmark, weight) for the landmarks that look like a keypoint.
+  template <typename Visit>
+  void ForEachAlike(const FeatureSet& sift, std::size_t keypoint, const Visit& visit) const;
+  [[nodiscard]] std::vector<float> Count(std::vector<std::vector<struct Vote>> votes) const;
+  struct ViewPose {
+    Eigen::Matrix3f cam_from_map;  // directions; the map's point scale does not matter to angles
+    Eigen::Vector3f centre;        // metres from the origin
+  };
+  void VoteFor(const Keypoint& keypoint, const Eigen::Vector2d& bearing, double focal_px,
+               std::uint32_t landmark_id, float weight, const std::vector<char>& wanted,
+               std::vector<struct Vote>* votes) const;
+
+  std::shared_ptr<const MapBundle> bundle_;
+  VoteOptions options_;
+  LocalFrame local_;
+  std::vector<std::uint32_t> word_offsets_, landmarks_of_word_;
+  std::vector<std::uint32_t> view_offsets_, views_of_landmark_;
+  std::vector<Eigen::Vector3f> points_;  // of landmarks, metres from the origin
+  std::vector<float> size_m_, angle_deg_;
+  std::vector<ViewPose> poses_;
+  std::vector<float> norm_;  // of each view: views with many landmarks gather more by chance
+};
+
+}  // namespace panofix

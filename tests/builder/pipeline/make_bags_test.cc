@@ -1,0 +1,121 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "builder/pipeline/vocabulary_stage.h"
+#include "tests/common/vocabulary/make_tree.h"
+
+namespace panofix {
+namespace {
+
+constexpr double kFloat = 1e-6;  // of weights, which are floats of at most one
+constexpr std::size_t kPanoramas = 3;
+
+FeatureSet RandomSet(std::size_t count, Rng* rng) {
+  FeatureSet set;
+  set.keypoints.resize(count);
+  set.descriptors = RandomDescriptors(count, rng);
+  return set;
+}
+
+// Panorama p has two views of its own and p at its virtual stations, of some 30 features.
+std::vector<PanoramaFeatures> FeaturesOf(std::size_t p) {
+  Rng rng(p, "tests/bags");
+  std::vector<PanoramaFeatures> features(2);
+  for (std::size_t v = 0; v < 2 + p; ++v) {
+    ViewFeatureSet view;
+    view.sift = RandomSet(20 + rng.Below(20), &rng);
+    view.mser = RandomSet(rng.Below(8), &rng);
+    features[v < 2 ? 0 : 1].views.push_back(view);
+  }
+  return features;
+}
+
+std::vector<BagOfWords> Bags(int max_words, Vocabulary* vocabulary) {
+  Rng rng(1, "tests/vocabulary");
+  *vocabulary = RandomVocabulary(&rng);
+  return MakeBags(kPanoramas, FeaturesOf, max_words, vocabulary);
+}
+
+TEST(MakeBags, OneAViewStationByStation) {
+  Vocabulary vocabulary;
+  const std::vector<BagOfWords> bags = Bags(0, &vocabulary);
+  std::vector<BagOfWords> expected;
+  for (std::size_t p = 0; p < kPanoramas; ++p) {
+    for (const PanoramaFeatures& features : FeaturesOf(p)) {
+      for (const ViewFeatureSet& view : features.views) {
+        expected.push_back(
+            vocabulary.Bag(vocabulary.SiftWords(view.sift), vocabulary.MserWords(view.mser)));
+      }
+    }
+  }
+  ASSERT_EQ(bags.size(), 2U + 3U + 4U);
+  ASSERT_EQ(expected.size(), bags.size());
+  for (std::size_t i = 0; i < bags.size(); ++i) {
+    ASSERT_EQ(bags[i].size(), expected[i].size());
+    for (std::size_t k = 0; k < bags[i].size(); ++k) {
+      EXPECT_EQ(bags[i][k].word, expected[i][k].word);
+      EXPECT_EQ(bags[i][k].weight, expected[i][k].weight);
+    }
+  }
+}
+
+TEST(MakeBags, TheHeaviestWordsStayAndHaveUnitLengthAgain) {
+  Vocabulary whole_vocabulary, vocabulary;
+  const std::vector<BagOfWords> whole = Bags(0, &whole_vocabulary);
+  for (const std::size_t most : {1U, 5U, 12U}) {
+    const std::vector<BagOfWords> bags = Bags(static_cast<int>(most), &vocabulary);
+    EXPECT_EQ(vocabulary.idf, whole_vocabulary.idf);  // of all words
+    ASSERT_EQ(bags.size(), whole.size());
+    for (std::size_t i = 0; i < bags.size(); ++i) {
+      ASSERT_EQ(bags[i].size(), std::min(most, whole[i].size()));
+      std::vector<WeightedWord> heaviest = whole[i];
+      std::stable_sort(heaviest.begin(), heaviest.end(),
+                       [](const auto& a, const auto& b) { return a.weight > b.weight; });
+      heaviest.resize(bags[i].size());
+      double kept_sq = 0, length_sq = 0;
+      for (const WeightedWord& w : heaviest) kept_sq += std::pow(double{w.weight}, 2);
+      for (const WeightedWord& w : heaviest) {
+        const auto found = std::find_if(bags[i].begin(), bags[i].end(),
+                                        [&](const auto& kept) { return kept.word == w.word; });
+        ASSERT_NE(found, bags[i].end()) << w.word;
+        EXPECT_NEAR(double{found->weight}, double{w.weight} / std::sqrt(kept_sq), kFloat);
+        length_sq += std::pow(double{found->weight}, 2);
+      }
+      EXPECT_NEAR(length_sq, 1, 2 * kFloat * static_cast<double>(most));
+      EXPECT_TRUE(std::is_sorted(bags[i].begin(), bags[i].end(),
+                                 [](const auto& a, const auto& b) { return a.word < b.word; }));
+    }
+  }
+}
+
+TEST(MakeBags, ShortBagsAreLeftAsTheyAre) {
+  Vocabulary whole_vocabulary, vocabulary;
+  const std::vector<BagOfWords> whole = Bags(0, &whole_vocabulary), bags = Bags(1000, &vocabulary);
+  for (std::size_t i = 0; i < bags.size(); ++i) {
+    ASSERT_EQ(bags[i].size(), whole[i].size());
+    for (std::size_t k = 0; k < bags[i].size(); ++k)
+      EXPECT_EQ(bags[i][k].weight, whole[i][k].weight);
+  }
+}
+
+TEST(MakeBags, ViewsWithoutFeaturesHaveEmptyBags) {
+  Rng rng(1, "tests/vocabulary");
+  Vocabulary vocabulary = RandomVocabulary(&rng);
+  const auto bags = MakeBags(
+      2,
+      [](std::size_t p) {
+        std::vector<PanoramaFeatures> features(2);
+        features[0].views.resize(2);
+        if (p == 1) features[0].views[0] = FeaturesOf(0)[0].views[0];
+        return features;
+      },
+      5, &vocabulary);
+  ASSERT_EQ(bags.size(), 4U);
+  EXPECT_TRUE(bags[0].empty() && bags[1].empty() && bags[3].empty());
+  EXPECT_EQ(bags[2].size(), 5U);
+}
+
+}  // namespace
+}  // namespace panofix
