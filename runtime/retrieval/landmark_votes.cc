@@ -157,9 +157,10 @@ std::vector<float> LandmarkVotes::Score(const FeatureSet& sift,
   return Count(std::move(votes));
 }
 
-LandmarkVotes::AliasVotes LandmarkVotes::VotesElsewhere(
-    const FeatureSet& sift, std::span<const Eigen::Vector2d> bearings, const Camera& camera,
-    const Support& support) const {
+LandmarkVotes::AliasVotes LandmarkVotes::VotesElsewhere(const FeatureSet& sift,
+                                                        std::span<const Eigen::Vector2d> bearings,
+                                                        const Camera& camera,
+                                                        const Support& support) const {
   constexpr float kSamePlace_m = 3;  // farther apart two landmarks are two things
   std::vector<std::vector<Vote>> own(support.keypoint_idx.size()), elsewhere(own.size());
   tbb::parallel_for(std::size_t{0}, own.size(), [&](std::size_t i) {

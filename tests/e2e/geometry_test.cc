@@ -171,7 +171,9 @@ TEST_F(Geometry, PosesComeThroughTheGraph) {
   const auto truth = ReadTruth(data_->town() / "truth_panoramas.csv");
   // A grid whose north is turned against true north by half a degree here, beside the bundle's own.
   const std::filesystem::path grid = data_->root() / "lambert93";
-  ASSERT_EQ(data_->Build(data_->panoramas(), grid, {"--map-frame", "EPSG:2154", "--no-refine"}).exit_code, 0);
+  ASSERT_EQ(
+      data_->Build(data_->panoramas(), grid, {"--map-frame", "EPSG:2154", "--no-refine"}).exit_code,
+      0);
   for (const auto& bundle : {Open(), MapBundle::Open(grid).value()}) {
     ASSERT_EQ(bundle->panoramas().size(), truth.size());
     for (const MapPanorama& panorama : bundle->panoramas()) {

@@ -5,9 +5,9 @@
 #include <map>
 #include <stdexcept>
 
-#include "common/map/landmark_codes.h"
 #include "common/base/cancel.h"
 #include "common/io/sha256.h"
+#include "common/map/landmark_codes.h"
 #include "tests/builder/publish/bundle_content.h"
 #include "tests/common/io/temp_folder.h"
 #include "tests/support/matchers.h"
