@@ -151,9 +151,7 @@ AugmentStageResult AugmentStage(const std::vector<ExtractedPanorama>& panoramas,
       },
       tbb::simple_partitioner());
   progress.Finish();
-  if (CancelRequested()) {
-    throw Error(ErrorCode::kCancelled, "stopped by the user; run the same command again to resume");
-  }
+  StopIfCancelled();
   for (std::size_t p = 0; p < panoramas.size(); ++p) {
     result.num_stations += result.stations[p].size() - 1;
     result.num_reused += reused[p] != 0 ? 1 : 0;

@@ -15,7 +15,6 @@
 #include "builder/pipeline/vocabulary_stage.h"
 #include "builder/publish/bundle_writer.h"
 #include "builder/tiling/quadkey.h"
-#include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/base/memory.h"
 #include "common/base/progress.h"
@@ -50,12 +49,6 @@ class StageTimer {
   StageReport stage_;
   std::chrono::steady_clock::time_point start_;
 };
-
-void StopIfCancelled() {
-  if (CancelRequested()) {
-    throw Error(ErrorCode::kCancelled, "stopped by the user; run the same command again to resume");
-  }
-}
 
 // All contents that a build's result depends on, as one hash: in bundle order, each panorama's
 // extraction key, pose and links.

@@ -1,5 +1,5 @@
 #pragma once
-// The whole build on one machine: ingest, extract, train, similarity, publish.
+// The whole build on one machine: ingest, extract, augment, train, similarity, landmarks, publish.
 
 #include <filesystem>
 #include <string>

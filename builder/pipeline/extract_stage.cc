@@ -71,6 +71,12 @@ Outcome ProcessOne(const PanoramaRecord& record, const Rectifier& rectifier,
 
 }  // namespace
 
+void StopIfCancelled() {
+  if (CancelRequested()) {
+    throw Error(ErrorCode::kCancelled, "stopped by the user; run the same command again to resume");
+  }
+}
+
 Result<std::string> ContentKey(const PanoramaRecord& record, const Rectifier& rectifier,
                                const ExtractOptions& options) {
   Sha256 hash;
@@ -110,9 +116,7 @@ ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records,
       },
       tbb::simple_partitioner());
   progress.Finish();
-  if (CancelRequested()) {
-    throw Error(ErrorCode::kCancelled, "stopped by the user; run the same command again to resume");
-  }
+  StopIfCancelled();
   ExtractStageResult result;
   for (Outcome& outcome : outcomes) {
     if (!outcome.failure.ok()) {

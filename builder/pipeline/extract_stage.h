@@ -22,6 +22,9 @@ struct ExtractStageResult {
   std::size_t num_reused = 0;
 };
 
+// Throws Error(kCancelled) after Ctrl-C; what stages have written is there for the next run.
+void StopIfCancelled();
+
 // SHA-256 over the panorama's record and the bytes of its files, the view directions, camera and
 // options: equal keys, equal features.
 [[nodiscard]] Result<std::string> ContentKey(const PanoramaRecord& record,

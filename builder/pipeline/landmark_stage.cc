@@ -55,9 +55,9 @@ class ObservationReader {
       const std::uint32_t first_station = first_station_[members_[m]];
       loaded.features.push_back(input_.native(members_[m]));
       (*panoramas)[m].planes = loaded.features.back().planes;
-      AddViews(loaded.features.back(), first_station, &loaded.observations);
+      AddViews(loaded.features.back(), first_station, m, *panoramas, &loaded.observations);
       loaded.features.push_back(input_.rendered(members_[m]));
-      AddViews(loaded.features.back(), first_station + 1, &loaded.observations);
+      AddViews(loaded.features.back(), first_station + 1, m, *panoramas, &loaded.observations);
     }
     return loaded;
   }
@@ -68,25 +68,23 @@ class ObservationReader {
   }
 
  private:
-  void AddViews(const PanoramaFeatures& features, std::uint32_t first_station,
+  // Views of a member's stations from `first_station` on.
+  void AddViews(const PanoramaFeatures& features, std::uint32_t first_station, std::size_t member,
+                const std::vector<LandmarkPanorama>& panoramas,
                 std::vector<LandmarkObservation>* observations) const {
     const std::size_t per_station = input_.content.directions.size();
-    const LocalFrame local = LocalFrame::At(input_.content.panoramas[members_.front()]);
     for (std::size_t v = 0; v < features.views.size(); ++v) {
       const std::size_t station_idx = first_station + v / per_station;
-      const MapStation& station = input_.content.stations[station_idx];
       const Eigen::Vector3d station_in_local =
-          local.LocalFromPano(input_.content.panoramas[station.panorama_idx]) *
-          station.position_in_pano;
+          panoramas[member].local_from_pano * input_.content.stations[station_idx].position_in_pano;
       const ViewFeatureSet& view = features.views[v];
       for (std::size_t i = 0; i < view.sift.size(); ++i) {
         const SurfacePoint& point = view.points[i];
         if (point.range_sigma_m <= 0) continue;
         const auto source = member_of_id_.find(features.sources[point.source_idx]);
         if (source == member_of_id_.end()) continue;  // beyond the halo
-        const MapPanorama& panorama = input_.content.panoramas[members_[source->second]];
         const Eigen::Vector3d at =
-            local.LocalFromPano(panorama) * point.point_in_pano.cast<double>();
+            panoramas[source->second].local_from_pano * point.point_in_pano.cast<double>();
         const Keypoint& k = view.sift.keypoints[i];
         LandmarkObservation o{
             static_cast<std::uint32_t>(station_idx * per_station + v % per_station),

@@ -132,9 +132,7 @@ Rigid3 ClimbSupport(const Scene& scene, const Rigid3& start, const PoseOptions& 
 // Consensus anew: a biased start would hold on to the matches that suit it.
 void TryConsensus(const MatchPool& pool, double focal_px, const PoseOptions& options,
                   Rigid3* cam_from_local) {
-  RansacOptions ransac = options.ransac;
-  ransac.minimal_solver = MinimalSolver::kP3p;
-  const RansacResult found = EstimatePoseRansac(pool.matches, ransac);
+  const RansacResult found = FindConsensus(pool, options);
   if (found.success && CountKeypoints(pool, found.cam_from_map, focal_px) >
                            CountKeypoints(pool, *cam_from_local, focal_px)) {
     *cam_from_local = found.cam_from_map;
@@ -215,6 +213,12 @@ PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
   beside.cam_from_local = ClimbSupport(scene, outcome.cam_from_local, options);
   const PoseOutcome other = GuidedRounds(scene, retrieved, beside, options);
   return other.found && other.support > outcome.support ? other : outcome;
+}
+
+RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options) {
+  RansacOptions ransac = options.ransac;
+  ransac.minimal_solver = MinimalSolver::kP3p;
+  return EstimatePoseRansac(pool.matches, ransac);
 }
 
 MatchPool MatchNear(const Scene& scene, const Rigid3& cam_from_local, double radius_px,

@@ -32,6 +32,9 @@ struct Scene {
 [[nodiscard]] PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
                                        const MatchPool& retrieved, const PoseOptions& options);
 
+// LO-RANSAC with the minimal solver over matches of any number of views.
+[[nodiscard]] RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options);
+
 // Matches of the landmarks that a predicted pose would show, each looked for within `radius_px`.
 [[nodiscard]] MatchPool MatchNear(const Scene& scene, const Rigid3& cam_from_local,
                                   double radius_px, const PoseOptions& options);

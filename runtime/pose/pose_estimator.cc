@@ -20,11 +20,9 @@ std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, co
                                        double focal_px, const PoseOptions& options) {
   std::vector<std::optional<Hypothesis>> found(views.size() + 1);
   tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t i) {
-    const bool all = i == views.size();
-    RansacOptions ransac = options.ransac;
-    if (all) ransac.minimal_solver = MinimalSolver::kP3p;
-    const RansacResult result =
-        EstimatePoseRansac(all ? pool.matches : views[i].correspondences, ransac);
+    const RansacResult result = i == views.size()
+                                    ? FindConsensus(pool, options)
+                                    : EstimatePoseRansac(views[i].correspondences, options.ransac);
     if (!result.success || static_cast<int>(result.inliers.size()) < options.min_view_inliers) {
       return;
     }
@@ -147,10 +145,8 @@ class Candidates {
 // Looks for landmarks around a rough pose; a consensus among them becomes a candidate.
 void ConsiderAround(const PoseContext& context, const Rigid3& rough, double radius_px,
                     const std::vector<Hypothesis>& rivals, Candidates* candidates) {
-  RansacOptions ransac = context.options.ransac;
-  ransac.minimal_solver = MinimalSolver::kP3p;
   const MatchPool pool = MatchNear(candidates->scene(), rough, radius_px, context.options);
-  const RansacResult found = EstimatePoseRansac(pool.matches, ransac);
+  const RansacResult found = FindConsensus(pool, context.options);
   if (!found.success) return;
   const int num_keypoints = CountKeypoints(pool, found.cam_from_map, context.camera.fx_px);
   candidates->Consider({found.cam_from_map, num_keypoints}, pool, rivals);

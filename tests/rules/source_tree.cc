@@ -59,7 +59,7 @@ const std::vector<Door>& Doors() {
       {"Eigen/", {"common", "builder", "runtime", "tests"}},
       {"nlohmann/", {"common", "builder", "runtime", "tests"}},
       {"openssl/", {"common", "builder", "runtime", "tests"}},
-      {"ceres/", {"common", "builder", "runtime", "tests"}},
+      {"ceres/", {"builder", "tests"}},
       {"tbb/", {"common", "builder", "runtime", "tests"}},
       {"omp.h", {"common", "builder", "tests"}},
       {"zlib.h", {"common/image", "builder", "tests"}},

@@ -15,11 +15,6 @@ namespace {
 constexpr double kFloat_m = 1e-4;    // points are stored as floats, some 30 m long
 constexpr double kHalfStep = 0.021;  // relative, of a length's code: half of its 4 %, and a little
 
-const SyntheticStreet& Street() {
-  static const SyntheticStreet street(StreetShape::kTwoWalls);
-  return street;
-}
-
 std::vector<ReadyLandmark> Collect(const Rigid3& cam_from_local,
                                    const LandmarkSetOptions& options = {}) {
   return CollectLandmarks(*Street().bundle(), Street().stations(), Street().local(),

@@ -8,11 +8,6 @@
 namespace panofix {
 namespace {
 
-const SyntheticStreet& Street() {
-  static const SyntheticStreet street(StreetShape::kTwoWalls);
-  return street;
-}
-
 const Eigen::Vector3d kPlace(0.5, 18, 1.5);
 constexpr double kHeading_deg = 15, kRadius_px = 130, kPixelSigma = 0.5;
 

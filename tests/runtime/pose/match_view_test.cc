@@ -10,11 +10,6 @@ constexpr double kFloat_m = 1e-4;
 constexpr double kFloat = 1e-6;      // of numbers near one
 constexpr double kHalfStep = 0.021;  // relative, of a length's code: half of its 4 %, and a little
 
-const SyntheticStreet& Street() {
-  static const SyntheticStreet street(StreetShape::kTwoWalls);
-  return street;
-}
-
 std::uint32_t AnchorOf(std::uint32_t landmark_id) {
   return Street().bundle()->Landmark(landmark_id).panorama_idx;
 }

@@ -11,11 +11,6 @@ namespace {
 
 constexpr double kPixelSigma = 0.5, kTol_m = 0.05, kTol_rad = 0.005;  // as in track_pose_test.cc
 
-const SyntheticStreet& Street() {
-  static const SyntheticStreet street(StreetShape::kTwoWalls);
-  return street;
-}
-
 PoseOutcome Track(const Eigen::Vector3d& place, const std::vector<PastFrame>& past) {
   PoseOptions options;
   options.ransac.focal_px = Street().camera().fx_px;

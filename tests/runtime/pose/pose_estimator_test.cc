@@ -30,11 +30,6 @@ PoseOutcome Estimate(const SyntheticStreet& street, const FrameFeatures& frame,
   return Estimate(street, frame, views, Options(street));
 }
 
-const SyntheticStreet& Street() {
-  static const SyntheticStreet street(StreetShape::kTwoWalls);
-  return street;
-}
-
 TEST(EstimatePose, FindsThePoseAllAlongTheStreet) {
   for (const double y : {3.0, 14.5, 26.0, 38.0}) {
     for (const double heading_deg : {0.0, 40.0, 180.0}) {

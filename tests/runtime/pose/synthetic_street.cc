@@ -206,4 +206,9 @@ std::vector<ViewMatches> SyntheticStreet::Match(const FrameFeatures& frame, std:
   return views;
 }
 
+const SyntheticStreet& Street() {
+  static const SyntheticStreet street(StreetShape::kTwoWalls);
+  return street;
+}
+
 }  // namespace panofix

@@ -66,4 +66,7 @@ class SyntheticStreet {
   LocalFrame local_;
 };
 
+// One with two walls, made once for all tests of a program.
+[[nodiscard]] const SyntheticStreet& Street();
+
 }  // namespace panofix

@@ -10,11 +10,6 @@ namespace {
 // Half a pixel of noise over some 200 landmarks; landmarks are exact.
 constexpr double kPixelSigma = 0.5, kTol_m = 0.05, kTol_rad = 0.005;
 
-const SyntheticStreet& Street() {
-  static const SyntheticStreet street(StreetShape::kTwoWalls);
-  return street;
-}
-
 PoseOptions Options() {
   PoseOptions options;
   options.ransac.focal_px = Street().camera().fx_px;

@@ -9,10 +9,6 @@
 namespace panofix {
 namespace {
 
-const SyntheticStreet& Street() {
-  static const SyntheticStreet street(StreetShape::kTwoWalls);
-  return street;
-}
 const LandmarkVotes& Votes() {
   static const LandmarkVotes votes(Street().bundle(), {});
   return votes;
