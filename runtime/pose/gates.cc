@@ -7,13 +7,11 @@
 #include "runtime/pose/match_pool.h"
 
 namespace panofix {
-namespace {
 
 double PositionSigma_m(const PoseOutcome& outcome) {
   return std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace());
 }
 
-// Where the camera would be against the map's panoramas and a vehicle's attitude, or "".
 std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bundle,
                              const LocalFrame& local, const PoseOptions& options) {
   double nearest_m = 1e9, height_off_m = 0;
@@ -33,8 +31,6 @@ std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bund
   }
   return "";
 }
-
-}  // namespace
 
 std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local,
                        const PoseOptions& options) {

@@ -14,6 +14,14 @@ namespace panofix {
 [[nodiscard]] std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle,
                                      const LocalFrame& local, const PoseOptions& options);
 
+// Where the camera would be against the map's panoramas and a vehicle's attitude, as a reason word,
+// or "".
+[[nodiscard]] std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bundle,
+                                           const LocalFrame& local, const PoseOptions& options);
+
+// 1 sigma of the horizontal position, both axes together.
+[[nodiscard]] double PositionSigma_m(const PoseOutcome& outcome);
+
 // Marks a trusted pose as degraded, with its reason and wider sigmas, where it is only good for
 // that.
 void DegradeDoubtful(const PoseOptions& options, PoseOutcome* outcome);

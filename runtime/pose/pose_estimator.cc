@@ -131,7 +131,8 @@ class Candidates {
   }
 
   [[nodiscard]] bool IsElsewhere(const Rigid3& pose, const Rigid3& from) const {
-    return (CentreOf(pose) - CentreOf(from)).norm() > context_.options.elsewhere_m;
+    return (CentreOf(pose) - CentreOf(from)).norm() > context_.options.elsewhere_m ||
+           AngleBetween(pose.rotation, from.rotation) > context_.options.elsewhere_rad;
   }
 
  private:
@@ -265,6 +266,18 @@ PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& pre
   }
   if (best.trusted) DegradeDoubtful(context.options, &best);
   return best;
+}
+
+double SupportElsewhere(const PoseContext& context, const Rigid3& pose,
+                        const std::vector<Rigid3>& roughs) {
+  Candidates candidates(context, "no_consensus");
+  for (const Rigid3& rough : roughs)
+    ConsiderAround(context, rough, context.options.around_view_px, {}, &candidates);
+  double support = 0;
+  for (const PoseOutcome& c : candidates.all()) {
+    if (candidates.IsElsewhere(c.cam_from_local, pose)) support = std::max(support, c.support);
+  }
+  return support;
 }
 
 }  // namespace panofix
