@@ -78,7 +78,10 @@ bool Localizer::Impl::Track(const FrameFeatures& features, FrameResult* result) 
 }
 
 bool Localizer::Impl::Bridge(const FrameFeatures& features, FrameResult* result) {
-  if (!pose_options.use_guided || !history.HasRecentFix()) return false;
+  if (!levers.bridging || levers.exhaustive || !pose_options.use_guided ||
+      !history.HasRecentFix()) {
+    return false;
+  }
   Stopwatch watch;
   const LocalFrame local =
       LocalFrame::At(bundle->panoramas()[bundle->views()[history.seeds().front()].panorama_idx]);
@@ -223,7 +226,12 @@ void Localizer::Impl::Remember(const FrameFeatures& features, const PoseOutcome&
   const Rigid3 map_from_cam(result->pose->map_from_cam, result->pose->position_in_map);
   history.Add(result->timestamp_ns, map_from_cam, outcome.views, outcome.degraded);
   if (!is_distinct) return;  // it may be followed, not built upon
-  if (!outcome.degraded) recent.Add(result->timestamp_ns, map_from_cam, outcome, features);
+  // A weak pose that nothing has confirmed is no ground for a bridge: its error would travel on.
+  if (outcome.num_inliers < pose_options.weak_inliers) {
+    recent.Clear();
+  } else if (!outcome.degraded) {
+    recent.Add(result->timestamp_ns, map_from_cam, outcome, features);
+  }
   places.UpdateFix(map_from_cam.translation,
                    std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()));
 }

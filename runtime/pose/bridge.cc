@@ -9,13 +9,15 @@
 namespace panofix {
 namespace {
 
-constexpr std::size_t kFewestPoints = 40;
-constexpr int kFewestInliers = 30;
-constexpr double kLeastSupport = 0.15;  // of the points that must be in the picture
-constexpr double kMostShift_m = 1.5;    // from the prediction
+constexpr std::size_t kFewestPoints = 100;
+constexpr int kFewestInliers = 50;
+constexpr double kLeastSupport = 0.2;  // of the points that must be in the picture
+// From the keyframe: points are as deep as its baselines are long, and no step may outgrow them.
+constexpr double kMostStep_m = 2;
+constexpr double kMostShift_m = 1.5;  // from the prediction
 constexpr double kMostTurn_rad = 0.25;
 constexpr int kFewestOfMap = 12;         // landmarks of the map that end the drift
-constexpr double kDriftShare = 0.025;    // of the way without them, 1 sigma: depths share errors
+constexpr double kDriftShare = 0.03;     // of the way without them, 1 sigma: depths share errors
 constexpr double kDriftTurn_rad = 1e-3;  // and a metre of it
 
 // Matches of the recent points, then of the map, at a pose.
@@ -69,10 +71,12 @@ double SpreadOf(const PoseContext& context, const std::set<int>& keypoints) {
 }
 
 std::string FailedBridge(const PoseContext& context, const PoseOutcome& outcome,
-                         const Rigid3& prediction) {
+                         const Rigid3& keyframe, const Rigid3& prediction) {
   const PoseOptions& options = context.options;
   if (outcome.num_inliers < kFewestInliers) return "too_few_inliers";
   // Comparisons are written so that NaN fails.
+  if (!((CentreOf(outcome.cam_from_local) - CentreOf(keyframe)).norm() <= kMostStep_m))
+    return "jump";
   if (!(outcome.spread >= options.min_spread)) return "inliers_clustered";
   // Beyond chance; how far over it says little: bricks lie near each other, and all agree.
   if (!(outcome.support >= kLeastSupport)) return "landmarks_missing";
@@ -145,7 +149,7 @@ PoseOutcome BridgePose(const PoseContext& context, const RecentPoints& recent,
     if (!found.success) continue;
     PoseOutcome outcome = Complete(context, grid, recent, found.cam_from_map);
     if (!outcome.found) continue;
-    outcome.reason = FailedBridge(context, outcome, prediction);
+    outcome.reason = FailedBridge(context, outcome, recent.cam_from_local, prediction);
     outcome.trusted = outcome.reason.empty();
     LogCandidate(outcome, context.bundle, context.local);
     if (outcome.num_inliers > best.num_inliers) best = outcome;

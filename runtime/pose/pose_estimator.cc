@@ -47,7 +47,7 @@ bool IsRepeat(const Rigid3& pose, const std::vector<Rigid3>& poses, double dista
 // A pose that nothing foretold needs more evidence than one that was.
 bool IsSureFind(const PoseOutcome& outcome, const PoseOptions& options) {
   return outcome.num_inliers >= options.find_inliers && outcome.support >= options.find_support &&
-         outcome.over_chance >= options.find_over_chance &&
+         (outcome.over_chance >= options.find_over_chance || HasPlenty(outcome, options)) &&
          outcome.coverage >= options.find_coverage;
 }
 

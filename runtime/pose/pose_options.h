@@ -58,6 +58,12 @@ struct PoseOptions {
   // chance.
   double min_support = 0.03;
   double min_over_chance = 4.0;
+  // Where texture repeats (brick, paving) chance is high however right the pose is. So many inliers
+  // with that much support, this far over chance, were not seen at a wrong pose but in look-alikes,
+  // which are told by their rivals.
+  int plenty_inliers = 60;
+  double plenty_support = 0.15;
+  double plenty_over_chance = 2.5;
   // A trusted pose is only degraded where few of the guided matches agree with it, or not many
   // while chance is near: the map's geometry is wrong there in a way that no residual shows. Its
   // sigmas grow tenfold.

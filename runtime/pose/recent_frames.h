@@ -45,6 +45,7 @@ class RecentFrames {
   // A frame with a pose to rely on, its covariance and unmapped way those of `outcome`.
   void Add(std::int64_t now_ns, const Rigid3& map_from_cam, const PoseOutcome& outcome,
            const FrameFeatures& frame);
+  void Clear() { keyframes_.clear(); }
   // Points of the newest keyframe by its older ones, in `local`. Some 10 ms a partner.
   [[nodiscard]] RecentPoints Triangulate(const Camera& camera, const LocalFrame& local,
                                          const GuidedOptions& guided) const;
