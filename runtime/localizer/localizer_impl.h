@@ -83,7 +83,7 @@ struct Localizer::Impl {
               FrameResult* result);
   // Whether the map has no second of what the frame shows, as far as the run of frames tells.
   [[nodiscard]] bool IsDistinct(const FrameFeatures& features, const PoseOutcome& outcome,
-                                const LocalFrame& local);
+                                const LocalFrame& local, StageLatency* latency);
   // Poses of the views elsewhere that the frame's landmarks speak for, most votes first.
   [[nodiscard]] std::vector<Rigid3> PlacesElsewhere(const FrameFeatures& features,
                                                     const Rigid3& cam_from_local,

@@ -207,14 +207,16 @@ std::vector<Rigid3> Localizer::Impl::PlacesElsewhere(const FrameFeatures& featur
 }
 
 bool Localizer::Impl::IsDistinct(const FrameFeatures& features, const PoseOutcome& outcome,
-                                 const LocalFrame& local) {
+                                 const LocalFrame& local, StageLatency* latency) {
   if (!rivals.IsDue()) {
     rivals.Pass();
     return !rivals.IsAmbiguous();
   }
+  Stopwatch watch;
   const double elsewhere =
       SupportElsewhere(Context(features, local), outcome.cam_from_local,
                        PlacesElsewhere(features, outcome.cam_from_local, local));
+  latency->pose_ms += watch.Lap();
   rivals.Add(outcome.support, std::max(elsewhere, outcome.rival_support));
   LogDebug(
       Format("rival %.3f of %.3f, of the run %.2f", elsewhere, outcome.support, rivals.Share()));
@@ -245,7 +247,8 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
   if (!outcome.trusted) return false;
   // What the map has twice tells no place, however well it is matched; it may be followed, not
   // told.
-  const bool is_distinct = !levers.tracking || IsDistinct(features, outcome, local);
+  const bool is_distinct =
+      !levers.tracking || IsDistinct(features, outcome, local, &result->latency);
   Fill(outcome, local, result);
   result->best_panorama = bundle->panoramas()[bundle->views()[outcome.best_view].panorama_idx].id;
   Remember(features, outcome, is_distinct, result);

@@ -4,11 +4,11 @@
 namespace panofix {
 
 struct RivalWatchOptions {
-  double max_share = 0.35;   // of the poses' support: a rival with more makes a place ambiguous
-  double kept = 0.93;        // of the sums, each comparison: about 14 of them count
-  int first_frames = 10;     // of a run: compared each time, frames without a pose end a run
-  int period_frames = 5;     // afterwards one in so many is compared
-  double wary_share = 0.15;  // a rival with more is compared each time
+  double max_share = 0.35;  // of the poses' support: a rival with more makes a place ambiguous
+  double kept = 0.93;       // of the sums, each comparison: about 14 of them count
+  int first_frames = 10;    // of a run: compared each time, frames without a pose end a run
+  int period_frames = 5;    // afterwards one in so many is compared
+  double wary_share = 0.2;  // a rival with more is compared each time
 };
 
 // Single frames are too noisy: what is repeated shows in some frames and hides in others, so the
