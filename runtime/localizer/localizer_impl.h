@@ -68,6 +68,7 @@ struct Localizer::Impl {
   BagOfWords MakeBag(const GrayImage& image, const FrameFeatures& features,
                      StageLatency* latency) const;
   [[nodiscard]] std::vector<Rigid3> Predict(std::int64_t now_ns, const LocalFrame& local) const;
+  [[nodiscard]] LocalFrame LocalOfSeeds() const;  // where history has seeds
   bool Track(const FrameFeatures& features, FrameResult* result);
   // Carries on from what the last frames saw, where the map alone does not.
   bool Bridge(const FrameFeatures& features, FrameResult* result);
@@ -83,11 +84,13 @@ struct Localizer::Impl {
               FrameResult* result);
   // Whether the map has no second of what the frame shows, as far as the run of frames tells.
   [[nodiscard]] bool IsDistinct(const FrameFeatures& features, const PoseOutcome& outcome,
-                                const LocalFrame& local, StageLatency* latency);
+                                const LocalFrame& local, FrameResult* result);
   // Poses of the views elsewhere that the frame's landmarks speak for, most votes first.
   [[nodiscard]] std::vector<Rigid3> PlacesElsewhere(const FrameFeatures& features,
                                                     const Rigid3& cam_from_local,
                                                     const LocalFrame& local) const;
+  // A fix of a camera whose calibration is doubted is degraded.
+  void DegradeMiscalibrated(FrameResult* result) const;
   // Keeps a pose for the next frames.
   void Remember(const FrameFeatures& features, const PoseOutcome& outcome, bool is_distinct,
                 const FrameResult* result);
@@ -114,6 +117,7 @@ struct Localizer::Impl {
   FixHistory history;
   CalibrationWatch calibration;
   RivalWatch rivals;
+  bool last_is_distinct = false;  // of the last pose in history
   PastFrames past;
   RecentFrames recent;
 };

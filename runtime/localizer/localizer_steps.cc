@@ -61,50 +61,57 @@ std::vector<Rigid3> Localizer::Impl::Predict(std::int64_t now_ns, const LocalFra
   return predictions;
 }
 
+// Around the last fix.
+LocalFrame Localizer::Impl::LocalOfSeeds() const {
+  const MapView& view = bundle->views()[history.seeds().front()];
+  return LocalFrame::At(bundle->panoramas()[view.panorama_idx]);
+}
+
 // Follows the last fixes: no retrieval, no words.
 bool Localizer::Impl::Track(const FrameFeatures& features, FrameResult* result) {
   if (!pose_options.use_guided || levers.exhaustive || history.seeds().empty()) return false;
   Stopwatch watch;
-  const LocalFrame local =
-      LocalFrame::At(bundle->panoramas()[bundle->views()[history.seeds().front()].panorama_idx]);
+  const LocalFrame local = LocalOfSeeds();
   const PoseOutcome outcome =
       TrackPose(Context(features, local), Predict(result->timestamp_ns, local));
   result->latency.pose_ms += watch.Lap();
-  if (outcome.trusted && outcome.num_inliers < pose_options.weak_inliers &&
-      Bridge(features, result)) {
+  if (!outcome.trusted || outcome.degraded) return false;
+  if (outcome.num_inliers < pose_options.weak_inliers &&
+      IsDistinct(features, outcome, local, result) && Bridge(features, result)) {
     return true;
   }
-  return !outcome.degraded && Accept(features, outcome, local, result);
+  return Accept(features, outcome, local, result);
 }
 
 bool Localizer::Impl::Bridge(const FrameFeatures& features, FrameResult* result) {
   if (!levers.bridging || levers.exhaustive || !pose_options.use_guided ||
-      !history.HasRecentFix()) {
+      !history.HasRecentFix() || history.seeds().empty() || rivals.IsAmbiguous()) {
     return false;
   }
   Stopwatch watch;
-  const LocalFrame local =
-      LocalFrame::At(bundle->panoramas()[bundle->views()[history.seeds().front()].panorama_idx]);
-  PoseOutcome outcome =
+  const LocalFrame local = LocalOfSeeds();
+  const PoseOutcome outcome =
       BridgePose(Context(features, local), recent.Triangulate(camera, local, pose_options.guided),
                  Predict(result->timestamp_ns, local));
   result->latency.pose_ms += watch.Lap();
-  if (!outcome.trusted || rivals.IsAmbiguous()) return false;
+  if (!outcome.trusted) return false;
   rivals.Pass();
   result->num_inliers = outcome.num_inliers;
+  result->num_views = 0;  // no view vouches for it
   result->reason = outcome.reason;
   Fill(outcome, local, result);
   const auto nearest = stations.Near(result->pose->position_in_map, pose_options.max_distance_m, 1);
   if (!nearest.empty())
     result->best_panorama = bundle->panoramas()[bundle->stations()[nearest[0]].panorama_idx].id;
   Remember(features, outcome, true, result);
+  DegradeMiscalibrated(result);
   return true;
 }
 
 PoseContext Localizer::Impl::Context(const FrameFeatures& features, const LocalFrame& local) const {
   PoseContext context{features, camera, *bundle, stations, local, pose_options, nullptr};
   // Only a fix speaks for a place; likeness alone would speak for a look-alike too.
-  if (levers.tracking && history.HasRecentFix()) {
+  if (levers.tracking && history.HasRecentFix() && last_is_distinct) {
     context.prior = [this](const Eigen::Vector3d& position_in_map) {
       return places.BeliefNear(position_in_map, kPriorRadius_m);
     };
@@ -207,16 +214,19 @@ std::vector<Rigid3> Localizer::Impl::PlacesElsewhere(const FrameFeatures& featur
 }
 
 bool Localizer::Impl::IsDistinct(const FrameFeatures& features, const PoseOutcome& outcome,
-                                 const LocalFrame& local, StageLatency* latency) {
+                                 const LocalFrame& local, FrameResult* result) {
   if (!rivals.IsDue()) {
     rivals.Pass();
     return !rivals.IsAmbiguous();
   }
   Stopwatch watch;
+  const std::vector<Rigid3> places_elsewhere =
+      PlacesElsewhere(features, outcome.cam_from_local, local);
+  result->latency.retrieval_ms += watch.Lap();
+  result->num_compared = result->num_database;
   const double elsewhere =
-      SupportElsewhere(Context(features, local), outcome.cam_from_local,
-                       PlacesElsewhere(features, outcome.cam_from_local, local));
-  latency->pose_ms += watch.Lap();
+      SupportElsewhere(Context(features, local), outcome.cam_from_local, places_elsewhere);
+  result->latency.pose_ms += watch.Lap();
   rivals.Add(outcome.support, std::max(elsewhere, outcome.rival_support));
   LogDebug(
       Format("rival %.3f of %.3f, of the run %.2f", elsewhere, outcome.support, rivals.Share()));
@@ -227,13 +237,11 @@ void Localizer::Impl::Remember(const FrameFeatures& features, const PoseOutcome&
                                bool is_distinct, const FrameResult* result) {
   const Rigid3 map_from_cam(result->pose->map_from_cam, result->pose->position_in_map);
   history.Add(result->timestamp_ns, map_from_cam, outcome.views, outcome.degraded);
+  last_is_distinct = is_distinct;
   if (!is_distinct) return;  // it may be followed, not built upon
   // A weak pose that nothing has confirmed is no ground for a bridge: its error would travel on.
-  if (outcome.num_inliers < pose_options.weak_inliers) {
-    recent.Clear();
-  } else if (!outcome.degraded) {
+  if (levers.bridging && !outcome.degraded && outcome.num_inliers >= pose_options.weak_inliers)
     recent.Add(result->timestamp_ns, map_from_cam, outcome, features);
-  }
   places.UpdateFix(map_from_cam.translation,
                    std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()));
 }
@@ -243,12 +251,13 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
   result->reason = outcome.reason;
   result->num_inliers = outcome.num_inliers;
   result->num_views = static_cast<int>(outcome.views.size());
-  if (outcome.reason == "ambiguous_place") rivals.Add(outcome.support, outcome.rival_support);
+  // Of a place that was ambiguous before its rivals were searched nothing is known.
+  if (!outcome.trusted && outcome.rival_support > 0)
+    rivals.Add(outcome.support, outcome.rival_support);
   if (!outcome.trusted) return false;
   // What the map has twice tells no place, however well it is matched; it may be followed, not
   // told.
-  const bool is_distinct =
-      !levers.tracking || IsDistinct(features, outcome, local, &result->latency);
+  const bool is_distinct = !levers.tracking || IsDistinct(features, outcome, local, result);
   Fill(outcome, local, result);
   result->best_panorama = bundle->panoramas()[bundle->views()[outcome.best_view].panorama_idx].id;
   Remember(features, outcome, is_distinct, result);
@@ -264,17 +273,21 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
              Rigid3(result->pose->map_from_cam, result->pose->position_in_map), outcome.agreed,
              pose_options.past_frames);
   }
-  if (levers.guided && !outcome.degraded && calibration.IsOff()) {
-    result->status = FixStatus::kDegraded;
-    result->reason = "calibration_off";
-    result->pose->covariance_in_map *=
-        pose_options.degraded_sigma_factor * pose_options.degraded_sigma_factor;
-  }
+  DegradeMiscalibrated(result);
   return true;
+}
+
+void Localizer::Impl::DegradeMiscalibrated(FrameResult* result) const {
+  if (!levers.guided || result->status != FixStatus::kFix || !calibration.IsOff()) return;
+  result->status = FixStatus::kDegraded;
+  result->reason = "calibration_off";
+  result->pose->covariance_in_map *=
+      pose_options.degraded_sigma_factor * pose_options.degraded_sigma_factor;
 }
 
 void Localizer::Impl::Advance(std::int64_t now_ns) {
   history.Advance(now_ns);
+  if (has_last_frame && now_ns <= last_frame_ns) rivals = RivalWatch();
   rivals.Advance();
   recent.Advance(now_ns);
   past.Advance(now_ns, pose_options.past_age_s);

@@ -9,11 +9,13 @@ void RivalWatch::Advance() {
 }
 
 bool RivalWatch::IsDue() const {
+  if (frames_since_ == 0) return false;  // this frame has been compared
   return run_frames_ < options_.first_frames || frames_since_ >= options_.period_frames ||
          Share() > options_.wary_share;
 }
 
 void RivalWatch::Add(double support, double rival_support) {
+  if (frames_since_ == 0) return;
   own_ = options_.kept * own_ + support;
   rival_ = options_.kept * rival_ + rival_support;
   frames_since_ = 0;

@@ -6,8 +6,8 @@ namespace panofix {
 struct RivalWatchOptions {
   double max_share = 0.35;  // of the poses' support: a rival with more makes a place ambiguous
   double kept = 0.93;       // of the sums, each comparison: about 14 of them count
-  int first_frames = 10;    // of a run: compared each time, frames without a pose end a run
-  int period_frames = 5;    // afterwards one in so many is compared
+  int first_frames = 5;     // of a run: compared each time, frames without a pose end a run
+  int period_frames = 15;   // afterwards one in so many is compared
   double wary_share = 0.2;  // a rival with more is compared each time
 };
 
@@ -22,7 +22,8 @@ class RivalWatch {
   void Advance();
   // Whether this frame's pose is to be compared with other places.
   [[nodiscard]] bool IsDue() const;
-  // A frame's pose has that support, the best pose elsewhere the other.
+  // A frame's pose has that support, the best pose elsewhere the other. Once a frame: more are left
+  // out.
   void Add(double support, double rival_support);
   // A pose was found and not compared.
   void Pass() { has_pose_ = true; }
@@ -32,7 +33,8 @@ class RivalWatch {
  private:
   RivalWatchOptions options_;
   double own_ = 0, rival_ = 0;
-  int run_frames_ = 0, frames_since_ = 0;
+  int run_frames_ = 0;
+  int frames_since_ = 0;   // the last comparison
   bool has_pose_ = false;  // the frame before, then this one
 };
 

@@ -89,6 +89,12 @@ std::string FailedBridge(const PoseContext& context, const PoseOutcome& outcome,
   return ImplausiblePlace(outcome.cam_from_local.Inverse(), context.bundle, context.local, options);
 }
 
+// A few landmarks are found anywhere: what chance may have brought must not confirm a drift.
+bool IsBeyondChance(const GuidedMatches& matches, const PoseOptions& options) {
+  return matches.num_found - matches.num_decoys >= kFewestOfMap &&
+         matches.num_found >= options.min_over_chance * matches.num_decoys;
+}
+
 // Errors of a row of triangulations add up along the way, not by their squares.
 void AddDrift(const RecentPoints& recent, int num_of_map, PoseOutcome* outcome) {
   const double step_m =
@@ -109,13 +115,15 @@ PoseOutcome Complete(const PoseContext& context, const KeypointGrid& grid,
   const BridgeMatches found = MatchBoth(context, grid, recent, start);
   MatchPool pool;
   pool.Append(found.recent.matches);
+  pool = WithoutRepeats(pool, start, focal_px);
   const RefineResult refined = RefinePose(pool.matches, start, context.options.refine);
   if (!refined.success) return outcome;
   std::set<int> keypoints, map_keypoints;
   MatchPool agreed = Agreeing(pool, refined.cam_from_map, focal_px, &keypoints);
   MatchPool of_map;
-  of_map.Append(found.map.matches);
-  of_map = Agreeing(of_map, refined.cam_from_map, focal_px, &map_keypoints);
+  if (IsBeyondChance(found.map, context.options)) of_map.Append(found.map.matches);
+  of_map = Agreeing(WithoutRepeats(of_map, refined.cam_from_map, focal_px), refined.cam_from_map,
+                    focal_px, &map_keypoints);
   std::vector<PanoramaPrior> priors = PriorsOf(of_map, context.bundle.manifest().errors);
   priors.push_back(recent.keyframe);
   agreed.matches.insert(agreed.matches.end(), of_map.matches.begin(), of_map.matches.end());
@@ -143,22 +151,22 @@ PoseOutcome BridgePose(const PoseContext& context, const RecentPoints& recent,
   best.covariance = Matrix6d::Zero();
   best.reason = "too_few_matches";
   if (recent.points.size() < kFewestPoints) return best;
+  best.reason = "no_consensus";
   const KeypointGrid grid(context.frame, context.camera);
   for (const Rigid3& prediction : predictions) {
     const RefineResult found = FindByRecent(context, grid, recent, prediction);
     if (!found.success) continue;
     PoseOutcome outcome = Complete(context, grid, recent, found.cam_from_map);
     if (!outcome.found) continue;
+    outcome.station_distance_m =
+        StationDistance_m(context.stations, context.local, outcome.cam_from_local);
     outcome.reason = FailedBridge(context, outcome, recent.cam_from_local, prediction);
     outcome.trusted = outcome.reason.empty();
     LogCandidate(outcome, context.bundle, context.local);
-    if (outcome.num_inliers > best.num_inliers) best = outcome;
+    if (outcome.trusted || outcome.num_inliers > best.num_inliers) best = outcome;
     if (best.trusted) break;
   }
-  if (best.trusted && PositionSigma_m(best) > context.options.fix_position_sigma_m) {
-    best.degraded = true;
-    best.reason = "pose_uncertain";
-  }
+  if (best.trusted) DegradeFarOrVague(context.options, &best);
   return best;
 }
 

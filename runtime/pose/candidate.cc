@@ -14,7 +14,6 @@ struct Solution {
   Matrix6d covariance = Matrix6d::Zero();
   double chi2_per_dof = 0;
   FocalCheck focal = {};
-  std::vector<int> agreed_keypoints = {};
   std::vector<Correspondence> agreed = {};  // that the adjustment rests on
 };
 
@@ -58,7 +57,6 @@ Solution Adjust(const Scene& scene, const MatchPool& pool, const Rigid3& start,
   if (solution.success)
     solution.focal = CheckFocal(agreed.matches, solution.cam_from_local, options.bundle.tukey_t);
   solution.agreed = std::move(agreed.matches);
-  solution.agreed_keypoints = std::move(agreed.keypoint_idx);
   return solution;
 }
 
@@ -184,7 +182,6 @@ PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solutio
   outcome.covariance = solution.covariance;
   outcome.chi2_per_dof = solution.chi2_per_dof;
   outcome.agreed = std::move(solution.agreed);
-  outcome.agreed_keypoints = std::move(solution.agreed_keypoints);
   outcome.focal = solution.focal;
   Summarize(pool, scene.frame, scene.camera, &outcome);
   return outcome;

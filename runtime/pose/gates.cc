@@ -63,7 +63,13 @@ void DegradeDoubtful(const PoseOptions& options, PoseOutcome* outcome) {
     outcome->degraded = true;
     outcome->reason = "landmarks_disagree";
     outcome->covariance *= options.degraded_sigma_factor * options.degraded_sigma_factor;
-  } else if (options.use_guided && outcome->station_distance_m > options.fix_station_distance_m) {
+  } else {
+    DegradeFarOrVague(options, outcome);
+  }
+}
+
+void DegradeFarOrVague(const PoseOptions& options, PoseOutcome* outcome) {
+  if (options.use_guided && outcome->station_distance_m > options.fix_station_distance_m) {
     outcome->degraded = true;
     outcome->reason = "beyond_map";
     outcome->covariance *= options.degraded_sigma_factor * options.degraded_sigma_factor;
@@ -71,6 +77,15 @@ void DegradeDoubtful(const PoseOptions& options, PoseOutcome* outcome) {
     outcome->degraded = true;
     outcome->reason = "pose_uncertain";
   }
+}
+
+double StationDistance_m(const StationGrid& stations, const LocalFrame& local,
+                         const Rigid3& cam_from_local) {
+  constexpr double kFar_m = 100;
+  const Eigen::Vector3d position = local.ToMap(CentreOf(cam_from_local));
+  const auto nearest = stations.Near(position, kFar_m, 1);
+  if (nearest.empty()) return kFar_m;
+  return (stations.position_in_map(nearest.front()) - position).head<2>().norm();
 }
 
 void LogCandidate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local) {

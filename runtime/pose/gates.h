@@ -7,6 +7,7 @@
 #include "common/map/map_bundle.h"
 #include "runtime/pose/frame_matches.h"
 #include "runtime/pose/pose_options.h"
+#include "runtime/pose/station_grid.h"
 
 namespace panofix {
 
@@ -22,12 +23,18 @@ namespace panofix {
 [[nodiscard]] std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bundle,
                                            const LocalFrame& local, const PoseOptions& options);
 
-// 1 sigma of the horizontal position, both axes together.
+// sqrt(sigma_x^2 + sigma_y^2) of the position in the map.
 [[nodiscard]] double PositionSigma_m(const PoseOutcome& outcome);
 
 // Marks a trusted pose as degraded, with its reason and wider sigmas, where it is only good for
 // that.
 void DegradeDoubtful(const PoseOptions& options, PoseOutcome* outcome);
+// Of these the doubts that need no landmarks of the map: beyond it, or of large sigma.
+void DegradeFarOrVague(const PoseOptions& options, PoseOutcome* outcome);
+
+// From the nearest station, horizontally; 100 m where none is nearer.
+[[nodiscard]] double StationDistance_m(const StationGrid& stations, const LocalFrame& local,
+                                       const Rigid3& cam_from_local);
 
 // For fitting gates: a debug line with all that the gates look at.
 void LogCandidate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local);

@@ -101,7 +101,8 @@ class Candidates {
           IsOpen(h.cam_from_local, outcome.cam_from_local))
         outcome.num_elsewhere = std::max(outcome.num_elsewhere, h.num_keypoints);
     }
-    outcome.station_distance_m = StationDistance_m(outcome.cam_from_local);
+    outcome.station_distance_m =
+        StationDistance_m(context_.stations, context_.local, outcome.cam_from_local);
     outcome.reason = FailedGate(outcome, context_.bundle, context_.local, context_.options);
     outcome.trusted = outcome.reason.empty();
     LogCandidate(outcome, context_.bundle, context_.local);
@@ -121,18 +122,15 @@ class Candidates {
     return belief(other) > context_.options.min_prior_share * belief(pose);
   }
 
-  // From the nearest station, horizontally; far away where there is none.
-  [[nodiscard]] double StationDistance_m(const Rigid3& cam_from_local) const {
-    constexpr double kFar_m = 100;
-    const Eigen::Vector3d position = context_.local.ToMap(CentreOf(cam_from_local));
-    const auto nearest = context_.stations.Near(position, kFar_m, 1);
-    if (nearest.empty()) return kFar_m;
-    return (context_.stations.position_in_map(nearest.front()) - position).head<2>().norm();
-  }
-
   [[nodiscard]] bool IsElsewhere(const Rigid3& pose, const Rigid3& from) const {
     return (CentreOf(pose) - CentreOf(from)).norm() > context_.options.elsewhere_m ||
            AngleBetween(pose.rotation, from.rotation) > context_.options.elsewhere_rad;
+  }
+
+  // Of a few landmarks even a large share is no rival.
+  [[nodiscard]] bool IsRival(const PoseOutcome& other, const Rigid3& pose) const {
+    return other.num_inliers >= context_.options.min_inliers &&
+           IsElsewhere(other.cam_from_local, pose);
   }
 
  private:
@@ -185,7 +183,7 @@ void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>&
   }
   PoseOutcome& best = candidates->best();
   for (const PoseOutcome& c : candidates->all()) {
-    if (candidates->IsElsewhere(c.cam_from_local, best.cam_from_local) &&
+    if (candidates->IsRival(c, best.cam_from_local) &&
         candidates->IsOpen(c.cam_from_local, best.cam_from_local))
       best.rival_support = std::max(best.rival_support, c.support);
   }
@@ -275,7 +273,7 @@ double SupportElsewhere(const PoseContext& context, const Rigid3& pose,
     ConsiderAround(context, rough, context.options.around_view_px, {}, &candidates);
   double support = 0;
   for (const PoseOutcome& c : candidates.all()) {
-    if (candidates.IsElsewhere(c.cam_from_local, pose)) support = std::max(support, c.support);
+    if (candidates.IsRival(c, pose)) support = std::max(support, c.support);
   }
   return support;
 }

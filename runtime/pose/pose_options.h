@@ -34,9 +34,8 @@ struct PoseOptions {
   double min_lead = 1.5;     // inliers over those of the best pose elsewhere: look-alikes end here
   double elsewhere_m = 4.0;  // what counts as elsewhere
   double elsewhere_rad = 1;  // or as another direction: a street may look alike from both ends
-  // A pose elsewhere with this share of the support is a look-alike: no fix, unless the past tells
-  // them apart: a place with less than this share of the other's prior is out of the question.
-  double min_prior_share = 0.05;
+  double min_prior_share =
+      0.05;                  // of the other place's prior: with less, the past rules a rival out
   double rival_place_m = 8;  // places of retrieval so far from each other are asked
   // What a pose must show that no prediction led to.
   int find_inliers = 30;
@@ -45,7 +44,8 @@ struct PoseOptions {
   double find_coverage = 0.35;
   int weak_inliers = 50;         // a tracked pose with fewer is joined to what the last frames saw
   double max_track_shift_m = 4;  // of a pose from the prediction that led to it
-  double max_rival_share = 0.35;
+  double max_rival_share =
+      0.35;               // of the support of a found pose: a rival with more is a look-alike
   int max_rivals = 4;     // poses elsewhere that are looked at
   int guided_rounds = 3;  // searches, each from the pose of the last, in windows half as wide
   // A pose whose support is not this far over chance is compared with poses beside it first.
@@ -105,7 +105,6 @@ struct PoseOutcome {
   double unmapped_m = 0;             // way since landmarks of the map last had a say
   std::vector<std::uint32_t> views;  // views with inliers, most first
   std::uint32_t best_view = 0;
-  std::vector<int> agreed_keypoints;   // of the frame, one a match of `agreed`
   std::vector<Correspondence> agreed;  // matches of the final adjustment that agree with the pose
 };
 

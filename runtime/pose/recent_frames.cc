@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -31,7 +32,6 @@ double RollDeg(const Rigid3& local_from_cam) {
 struct Triangulated {
   double range_m = 0;
   double parallax_rad = 0;
-  double baseline_m = 0;
 };
 
 // Where both rays come nearest, along the first (Hartley and Zisserman, Multiple View Geometry,
@@ -61,28 +61,37 @@ class Partner {
   [[nodiscard]] std::optional<Triangulated> Find(std::size_t k) const {
     const Eigen::Vector3d ray = RayOf(newest_, k);
     const Eigen::Vector3d& origin = newest_.local_from_cam.translation;
-    const auto near = camera_.Project(cam_from_local_ * (origin + options_.min_range_m * ray));
-    const auto far = camera_.Project(cam_from_local_ * (origin + options_.max_range_m * ray));
+    const auto near = ProjectNearby(origin + options_.min_range_m * ray);
+    const auto far = ProjectNearby(origin + options_.max_range_m * ray);
     if (!near || !far) return std::nullopt;
     const int match = Search(k, *near, *far);
     if (match < 0) return std::nullopt;
     const Eigen::Vector3d other_ray = RayOf(older_, static_cast<std::size_t>(match));
     const Eigen::Vector3d to_other = older_.local_from_cam.translation - origin;
     const auto range_m = RangeAlong(ray, other_ray, to_other);
-    if (!range_m || *range_m < options_.min_range_m || *range_m > options_.max_range_m)
+    // Comparisons are written so that NaN fails.
+    if (!range_m || !(*range_m >= options_.min_range_m && *range_m <= options_.max_range_m))
       return std::nullopt;
-    const auto px = camera_.Project(cam_from_local_ * (origin + *range_m * ray));
+    const auto px = ProjectNearby(origin + *range_m * ray);
     const Keypoint& seen = older_.frame.sift.keypoints[static_cast<std::size_t>(match)];
-    if (!px || std::hypot(px->x() - double{seen.x_px}, px->y() - double{seen.y_px}) >
-                   options_.max_reproj_error_px) {
+    if (!px || !(std::hypot(px->x() - double{seen.x_px}, px->y() - double{seen.y_px}) <=
+                 options_.max_reproj_error_px)) {
       return std::nullopt;
     }
     const double parallax_rad = std::acos(std::clamp(ray.dot(other_ray), -1.0, 1.0));
-    if (parallax_rad < options_.min_parallax_rad) return std::nullopt;
-    return Triangulated{*range_m, parallax_rad, to_other.norm()};
+    if (!(parallax_rad >= options_.min_parallax_rad)) return std::nullopt;
+    return Triangulated{*range_m, parallax_rad};
   }
 
  private:
+  // In the older picture or within its size beside it: distortion is not to be believed farther
+  // out.
+  [[nodiscard]] std::optional<Eigen::Vector2d> ProjectNearby(const Eigen::Vector3d& point) const {
+    const auto px = camera_.Project(cam_from_local_ * point);
+    const bool is_near = px && px->x() > -camera_.width_px && px->x() < 2 * camera_.width_px &&
+                         px->y() > -camera_.height_px && px->y() < 2 * camera_.height_px;
+    return is_near ? px : std::nullopt;
+  }
   // Keypoint of the older frame on the segment, or -1.
   [[nodiscard]] int Search(std::size_t k, const Eigen::Vector2d& near,
                            const Eigen::Vector2d& far) const {
@@ -124,8 +133,9 @@ ReadyLandmark MakePoint(const Posed& newest, const Camera& camera, std::size_t k
   point.match.lever_in_map = lever;
   point.match.panorama_idx = RecentPoints::kPanorama;
   point.match.point_sigma_m = pixel_rad * at.range_m;
+  // What of the baseline makes the parallax: the part across the ray.
   const double share = std::hypot(std::sqrt(2.0) * pixel_rad / at.parallax_rad,
-                                  options.pose_sigma_m / at.baseline_m);
+                                  options.pose_sigma_m / (at.range_m * at.parallax_rad));
   point.match.range_sigma_in_map = share * lever;
   point.id = static_cast<std::uint32_t>(k);
   point.size_m = static_cast<float>(double{keypoint.size_px} * at.range_m / camera.fx_px);
@@ -139,8 +149,10 @@ PanoramaPrior PriorOf(const Matrix6d& covariance) {
   constexpr double kLeast_m = 0.005, kLeast_rad = 2e-4;
   PanoramaPrior prior;
   prior.panorama_idx = RecentPoints::kPanorama;
-  prior.position_sigma_m =
-      std::max(kLeast_m, std::sqrt(covariance.topLeftCorner<3, 3>().trace() / 3));
+  // One figure for all axes: the worst one's.
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance.topLeftCorner<3, 3>(),
+                                                            Eigen::EigenvaluesOnly);
+  prior.position_sigma_m = std::max(kLeast_m, std::sqrt(axes.eigenvalues().maxCoeff()));
   prior.heading_sigma_rad = std::max(kLeast_rad, std::sqrt(covariance(5, 5)));
   prior.tilt_sigma_rad = std::max(kLeast_rad, std::sqrt(covariance.block<2, 2>(3, 3).trace() / 2));
   return prior;
@@ -159,6 +171,7 @@ void RecentFrames::Advance(std::int64_t now_ns) {
 
 void RecentFrames::Add(std::int64_t now_ns, const Rigid3& map_from_cam, const PoseOutcome& outcome,
                        const FrameFeatures& frame) {
+  if (!outcome.covariance.allFinite()) return;
   if (!keyframes_.empty() &&
       (map_from_cam.translation - keyframes_.back().map_from_cam.translation).norm() <
           options_.keyframe_step_m) {

@@ -13,7 +13,7 @@
 namespace panofix {
 
 struct RecentOptions {
-  double keyframe_step_m = 0.4;  // frames nearer to the one before replace nothing
+  double keyframe_step_m = 0.4;  // a frame nearer than this to the last keyframe is not kept
   std::size_t max_keyframes = 10;
   double max_age_s = 30;         // parked cars drive off
   double min_baseline_m = 0.8;   // between frames that are triangulated
@@ -36,7 +36,7 @@ struct RecentPoints {
   static constexpr int kPanorama = 1 << 30;  // no panorama of a bundle
 };
 
-// A keyframe's features and pose, kept while they may serve. Not thread-safe.
+// The last keyframes, features and poses, kept while they may serve. Not thread-safe.
 class RecentFrames {
  public:
   explicit RecentFrames(const RecentOptions& options = {}) : options_(options) {}
@@ -45,7 +45,6 @@ class RecentFrames {
   // A frame with a pose to rely on, its covariance and unmapped way those of `outcome`.
   void Add(std::int64_t now_ns, const Rigid3& map_from_cam, const PoseOutcome& outcome,
            const FrameFeatures& frame);
-  void Clear() { keyframes_.clear(); }
   // Points of the newest keyframe by its older ones, in `local`. Some 10 ms a partner.
   [[nodiscard]] RecentPoints Triangulate(const Camera& camera, const LocalFrame& local,
                                          const GuidedOptions& guided) const;

@@ -32,6 +32,14 @@ TEST(FixHistory, OneFixPredictsStandingStill) {
   EXPECT_NEAR(predictions[0].translation.x(), 5, kExact_m);
 }
 
+TEST(FixHistory, AFixWithoutViewsKeepsThoseBefore) {
+  FixHistory history;
+  history.Add(kSecond_ns, At(5), {3, 1}, false);
+  history.Add(2 * kSecond_ns, At(6), {}, false);
+  EXPECT_EQ(history.seeds(), (std::vector<std::uint32_t>{3, 1}));
+  EXPECT_NEAR(history.Predictions(3 * kSecond_ns).front().translation.x(), 7, kExact_m);
+}
+
 TEST(FixHistory, TwoFixesPredictConstantVelocityInTimeNotInFrames) {
   FixHistory history;
   history.Add(0, At(10), {1}, false);

@@ -65,6 +65,17 @@ TEST(RivalWatch, ANewRunIsComparedAgain) {
   EXPECT_TRUE(Frame(&watch, 0.2, 0));
 }
 
+TEST(RivalWatch, AFrameCountsOnce) {
+  RivalWatch watch;
+  watch.Advance();
+  watch.Add(0.2, 0.02);
+  EXPECT_FALSE(watch.IsDue());
+  const double share = watch.Share();
+  watch.Add(0.2, 0.2);
+  EXPECT_EQ(watch.Share(), share);
+  EXPECT_EQ(share, 0.1);
+}
+
 TEST(RivalWatch, NothingSeenIsNotAmbiguous) {
   const RivalWatch watch;
   EXPECT_FALSE(watch.IsAmbiguous());

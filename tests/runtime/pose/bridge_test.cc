@@ -126,8 +126,22 @@ TEST(BridgePose, WhatWasNotSeenBeforeGivesNoPose) {
 TEST(BridgePose, FarFromThePredictionIsNoPose) {
   const RecentPoints recent = Recent(true, Eigen::Vector3d::Zero(), 0.05);
   const FrameFeatures frame = Rebuilt(FrameAt(kNext_m));
-  const PoseOutcome outcome = Bridge(frame, recent, {PoseAt(kNext_m + 2)});
+  const Rigid3 far = PoseAt(kNext_m - 1.7);
+  const PoseOutcome outcome = Bridge(frame, recent, {far});
+  EXPECT_TRUE(outcome.found);
   EXPECT_FALSE(outcome.trusted);
+  EXPECT_EQ(outcome.reason, "jump");
+  // The next prediction may do.
+  EXPECT_TRUE(Bridge(frame, recent, {far, PoseAt(kNext_m)}).trusted);
+}
+
+// Points are as deep as their baselines are long: a step beyond them is not believed.
+TEST(BridgePose, FarFromTheKeyframeIsNoPose) {
+  const RecentPoints recent = Recent(true, Eigen::Vector3d::Zero(), 0.05);
+  const double far_m = kNext_m - kStep_m + 2.3;
+  const PoseOutcome outcome = Bridge(Rebuilt(FrameAt(far_m)), recent, {PoseAt(far_m)});
+  EXPECT_TRUE(outcome.found);
+  EXPECT_EQ(outcome.reason, "jump");
 }
 
 }  // namespace

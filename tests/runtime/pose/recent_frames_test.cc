@@ -68,7 +68,19 @@ TEST(RecentFrames, PointsLieOnTheWalls) {
 TEST(RecentFrames, WithoutAWayThereIsNoPoint) {
   EXPECT_TRUE(PointsOf(RecentFrames{}).points.empty());
   EXPECT_TRUE(PointsOf(Drive(1, 0.6)).points.empty());
-  EXPECT_TRUE(PointsOf(Drive(20, 0.01)).points.empty());  // 0.2 m in all
+  EXPECT_TRUE(PointsOf(Drive(20, 0.01)).points.empty());  // 0.2 m in all: one keyframe
+  EXPECT_TRUE(PointsOf(Drive(2, 0.5)).points.empty());    // two, too near each other
+}
+
+TEST(RecentFrames, APoseWithoutACovarianceIsNotKept) {
+  RecentFrames recent = Drive(5, 0.6);
+  PoseOutcome unknown;
+  unknown.covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
+  const std::size_t before = PointsOf(recent).points.size();
+  const Rigid3 next = PoseAt(20).Inverse();
+  recent.Add(6 * kFrame_ns, {next.rotation, Dense().local().ToMap(next.translation)}, unknown,
+             Dense().Frame(PoseAt(20), kPixelSigma, 100));
+  EXPECT_EQ(PointsOf(recent).points.size(), before);
 }
 
 TEST(RecentFrames, TimesThatRunBackwardsAndOldFramesAreForgotten) {
