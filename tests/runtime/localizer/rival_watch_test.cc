@@ -19,13 +19,14 @@ bool Frame(RivalWatch* watch, double support, double rival) {
 
 TEST(RivalWatch, AStreetOfItsOwnIsTrustedAtOnceAndComparedSeldom) {
   RivalWatch watch;
+  const RivalWatchOptions options;
+  const int periods = 7;
   int num_compared = 0;
-  for (int frame = 0; frame < 110; ++frame) {
+  for (int frame = 0; frame < options.first_frames + periods * options.period_frames; ++frame) {
     num_compared += Frame(&watch, 0.2, 0.02) ? 1 : 0;
     EXPECT_FALSE(watch.IsAmbiguous());
   }
-  const RivalWatchOptions options;
-  EXPECT_EQ(num_compared, options.first_frames + 100 / options.period_frames);
+  EXPECT_EQ(num_compared, options.first_frames + periods);
 }
 
 TEST(RivalWatch, ALookAlikeIsAmbiguousAtOnce) {
@@ -73,7 +74,7 @@ TEST(RivalWatch, AFrameCountsOnce) {
   const double share = watch.Share();
   watch.Add(0.2, 0.2);
   EXPECT_EQ(watch.Share(), share);
-  EXPECT_EQ(share, 0.1);
+  EXPECT_DOUBLE_EQ(share, 0.1);
 }
 
 TEST(RivalWatch, NothingSeenIsNotAmbiguous) {
