@@ -73,6 +73,9 @@ const std::vector<Door>& Doors() {
       {"GeographicLib/", {"common/geo", "tests/common/geo", "tests/town"}},
       {"yaml-cpp/", {"common/camera"}},
       {"embree3/", {"tests/town"}},
+      {"sodium.h", {"common/sign", "builder/ship", "tests/support"}},
+      {"zstd.h", {"builder/ship", "runtime/store", "tests/runtime"}},
+      {"curl/", {"runtime/store"}},
       {"gtest/", {"tests"}},
       {"gmock/", {"tests"}},
       {"benchmark/", {"tests/bench"}}};
