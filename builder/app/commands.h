@@ -17,5 +17,8 @@ Command AddDepthCommand(CLI::App* app);
 Command AddInspectCommand(CLI::App* app);
 Command AddValidateCommand(CLI::App* app);
 Command AddScoreCommand(CLI::App* app);
+Command AddKeygenCommand(CLI::App* app);
+Command AddEndorseCommand(CLI::App* app);
+Command AddSignCommand(CLI::App* app);
 
 }  // namespace panofix
