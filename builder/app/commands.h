@@ -20,5 +20,7 @@ Command AddScoreCommand(CLI::App* app);
 Command AddKeygenCommand(CLI::App* app);
 Command AddEndorseCommand(CLI::App* app);
 Command AddSignCommand(CLI::App* app);
+Command AddDeltaCommand(CLI::App* app);
+Command AddPackCommand(CLI::App* app);
 
 }  // namespace panofix

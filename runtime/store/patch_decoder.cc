@@ -1,48 +1,16 @@
 #include "runtime/store/patch_decoder.h"
 
-#include <fcntl.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
 #include <zstd.h>
 
 #include <memory>
 #include <vector>
 
 #include "common/base/cancel.h"
+#include "common/io/mapped_file.h"
 #include "common/package/delta_index.h"
 
 namespace panofix {
 namespace {
-
-// A file as memory, read-only.
-class MappedFile {
- public:
-  explicit MappedFile(const std::filesystem::path& path)
-      : fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK)) {
-    struct stat info {};
-    if (!fd_.valid() || ::fstat(fd_.get(), &info) != 0 || !S_ISREG(info.st_mode)) return;
-    size_ = static_cast<std::size_t>(info.st_size);
-    if (size_ > kMaxPatchedBytes) return;
-    is_open_ = true;
-    if (size_ == 0) return;
-    data_ = ::mmap(nullptr, size_, PROT_READ, MAP_PRIVATE, fd_.get(), 0);
-    is_open_ = data_ != MAP_FAILED;
-  }
-  ~MappedFile() {
-    if (is_open_ && size_ > 0) ::munmap(data_, size_);
-  }
-  MappedFile(const MappedFile&) = delete;
-  MappedFile& operator=(const MappedFile&) = delete;
-  [[nodiscard]] bool is_open() const { return is_open_; }
-  [[nodiscard]] const void* data() const { return data_; }
-  [[nodiscard]] std::size_t size() const { return size_; }
-
- private:
-  UniqueFd fd_;
-  void* data_ = nullptr;
-  std::size_t size_ = 0;
-  bool is_open_ = false;
-};
 
 Status Bad(const std::string& fault) {
   return {ErrorCode::kBadData, "patch: " + fault + "; fetch the package again"};
@@ -52,7 +20,7 @@ Status Bad(const std::string& fault) {
 
 Status ApplyPatch(const StoreLayout& layout, const std::string& base_sha256,
                   std::uint64_t target_bytes, const ReadPatch& read, ObjectWriter* writer) {
-  const MappedFile base(layout.object(base_sha256));
+  const MappedFile base(layout.object(base_sha256), kMaxPatchedBytes);
   if (!base.is_open()) {
     return {ErrorCode::kIncomplete, "patch: object " + base_sha256.substr(0, 12) +
                                         " that it builds on is not in this store; install the "
@@ -63,8 +31,10 @@ Status ApplyPatch(const StoreLayout& layout, const std::string& base_sha256,
                                                                      &ZSTD_freeDCtx);
   if (context == nullptr ||
       ZSTD_isError(ZSTD_DCtx_setParameter(context.get(), ZSTD_d_windowLogMax,
-                                          PatchWindowLog(base.size(), target_bytes))) != 0 ||
-      ZSTD_isError(ZSTD_DCtx_refPrefix(context.get(), base.data(), base.size())) != 0) {
+                                          PatchWindowLog(base.bytes().size(), target_bytes))) !=
+          0 ||
+      ZSTD_isError(ZSTD_DCtx_refPrefix(context.get(), base.bytes().data(), base.bytes().size())) !=
+          0) {
     return {ErrorCode::kInternal, "patch: zstd does not start"};
   }
   std::vector<std::uint8_t> in(ZSTD_DStreamInSize()), out(ZSTD_DStreamOutSize());
