@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <set>
 
 #include "common/base/log.h"
 #include "common/io/atomic_file.h"
@@ -157,6 +158,7 @@ Result<std::vector<std::string>> RunnableVersions(const StoreLayout& layout) {
   const auto state = ReadStoreState(layout);
   if (!state.ok()) LogWarning(state.status().message());
   std::vector<std::string> order, out;
+  std::set<std::string> seen;
   if (state.ok()) order = {state->active, state->previous};
   for (auto v = versions->rbegin(); v != versions->rend(); ++v) order.push_back(v->id);
   Status last{ErrorCode::kNotFound,
@@ -164,7 +166,7 @@ Result<std::vector<std::string>> RunnableVersions(const StoreLayout& layout) {
   for (const std::string& id : order) {
     const auto v = std::find_if(versions->begin(), versions->end(),
                                 [&](const StoreVersion& version) { return version.id == id; });
-    if (v == versions->end() || std::find(out.begin(), out.end(), id) != out.end()) continue;
+    if (v == versions->end() || !seen.insert(id).second) continue;
     Status status = v->status;
     if (status.ok()) status = CheckMeantForUs(v->manifest.manifest, *config);
     if (!status.ok()) {
