@@ -74,7 +74,7 @@ const std::vector<Door>& Doors() {
       {"yaml-cpp/", {"common/camera"}},
       {"embree3/", {"tests/town"}},
       {"sodium.h", {"common/sign", "builder/ship", "tests/support"}},
-      {"zstd.h", {"builder/ship", "runtime/store", "tests/runtime"}},
+      {"zstd.h", {"builder/ship", "runtime/store", "tests/runtime", "tests/builder"}},
       {"curl/", {"runtime/store"}},
       {"gtest/", {"tests"}},
       {"gmock/", {"tests"}},
