@@ -1,6 +1,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -21,7 +22,10 @@ constexpr std::size_t kMaxMessageBytes = 4096;
 
 // In the child: what came of the work, as code and message. Exits without running anything that
 // the parent registered.
-[[noreturn]] void Report(int fd, const std::function<Status()>& work) {
+[[noreturn]] void Report(int fd, pid_t parent, const std::function<Status()>& work) {
+  // It shares the parent's hold of the store, and must not keep it when the parent is gone.
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (::getppid() != parent) ::_exit(1);
   Status status;
   try {
     status = work();
@@ -58,10 +62,11 @@ Status RunInChild(const std::function<Status()>& work, double timeout_s) {
   if (::pipe2(ends, O_CLOEXEC) != 0)
     return {ErrorCode::kIo, std::string("no pipe (") + std::strerror(errno) + "); free some files"};
   UniqueFd from_child(ends[0]), to_parent(ends[1]);
+  const pid_t parent = ::getpid();
   const pid_t child = ::fork();
   if (child < 0)
     return {ErrorCode::kIo, std::string("no process (") + std::strerror(errno) + "); free memory"};
-  if (child == 0) Report(to_parent.get(), work);
+  if (child == 0) Report(to_parent.get(), parent, work);
   to_parent.Reset();
   std::string text;
   const auto patience = std::chrono::duration<double>(timeout_s);
