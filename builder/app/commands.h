@@ -17,5 +17,10 @@ Command AddDepthCommand(CLI::App* app);
 Command AddInspectCommand(CLI::App* app);
 Command AddValidateCommand(CLI::App* app);
 Command AddScoreCommand(CLI::App* app);
+Command AddKeygenCommand(CLI::App* app);
+Command AddEndorseCommand(CLI::App* app);
+Command AddSignCommand(CLI::App* app);
+Command AddDeltaCommand(CLI::App* app);
+Command AddPackCommand(CLI::App* app);
 
 }  // namespace panofix

@@ -18,6 +18,9 @@ Examples:
   panofix-builder inspect map
   panofix-builder validate map --drive drive
   panofix-builder depth pano.gsv --pixel 256,150
+  panofix-builder keygen --key map.key --public map.pub
+  panofix-builder sign map --key map.key --expires-days 30
+  panofix-builder delta map-41 map-42 --out city-41-42.pfb
 
 Exit codes: 0 done, 1 the quality gate does not hold, 64 wrong use, 65 bad data, 66 not found,
 74 disk, 76 bundle format not readable, 130 interrupted (run the same build again to resume).)";
@@ -31,9 +34,11 @@ int Dispatch(int argc, char** argv) {
   app.add_option("--log-level", log_level, "debug, info, warning, error or off")
       ->capture_default_str();
   const panofix::Command commands[] = {
-      panofix::AddBuildCommand(&app), panofix::AddInspectCommand(&app),
+      panofix::AddBuildCommand(&app),    panofix::AddInspectCommand(&app),
       panofix::AddValidateCommand(&app), panofix::AddScoreCommand(&app),
-      panofix::AddDepthCommand(&app)};
+      panofix::AddDepthCommand(&app),    panofix::AddKeygenCommand(&app),
+      panofix::AddEndorseCommand(&app),  panofix::AddSignCommand(&app),
+      panofix::AddDeltaCommand(&app),    panofix::AddPackCommand(&app)};
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -251,6 +251,9 @@ Manifest WriteBundle(const fs::path& target, BundleContent content, const MakeTi
   manifest.parts.clear();
   WriteVocabulary(staging.path() / "vocabulary.h5", content.vocabulary, content.pack_descriptors);
   manifest.parts.push_back(Describe(staging.path(), "vocabulary.h5"));
+  // A vocabulary without a name of its own goes by its hash.
+  if (manifest.vocabulary_release.empty())
+    manifest.vocabulary_release = "sha256:" + manifest.parts.back().sha256;
   manifest.num_landmarks = 0;
   for (std::size_t begin = 0; begin < content.panoramas.size();) {
     if (CancelRequested())

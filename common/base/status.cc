@@ -24,6 +24,28 @@ const char* ErrorCodeName(ErrorCode code) {
       return "disk full";
     case ErrorCode::kCancelled:
       return "interrupted";
+    case ErrorCode::kTryAgain:
+      return "try again";
+    case ErrorCode::kUntrusted:
+      return "not trusted";
+    case ErrorCode::kKeyRevoked:
+      return "key revoked";
+    case ErrorCode::kDowngrade:
+      return "downgrade";
+    case ErrorCode::kExpired:
+      return "expired";
+    case ErrorCode::kMixedParts:
+      return "mixed parts";
+    case ErrorCode::kEndlessData:
+      return "endless data";
+    case ErrorCode::kIncomplete:
+      return "incomplete";
+    case ErrorCode::kWrongCamera:
+      return "wrong camera";
+    case ErrorCode::kWrongMap:
+      return "wrong map";
+    case ErrorCode::kUnhealthy:
+      return "unhealthy";
     case ErrorCode::kInternal:
       return "internal error";
   }
@@ -49,6 +71,28 @@ int ExitCode(ErrorCode code) {
       return 74;
     case ErrorCode::kUnsupportedVersion:
       return 76;
+    case ErrorCode::kTryAgain:
+      return 75;
+    case ErrorCode::kUntrusted:
+      return 77;
+    case ErrorCode::kKeyRevoked:
+      return 80;
+    case ErrorCode::kDowngrade:
+      return 81;
+    case ErrorCode::kExpired:
+      return 82;
+    case ErrorCode::kMixedParts:
+      return 83;
+    case ErrorCode::kEndlessData:
+      return 84;
+    case ErrorCode::kIncomplete:
+      return 85;
+    case ErrorCode::kWrongCamera:
+      return 86;
+    case ErrorCode::kWrongMap:
+      return 87;
+    case ErrorCode::kUnhealthy:
+      return 88;
     case ErrorCode::kCancelled:
       return 130;
   }

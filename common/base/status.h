@@ -20,14 +20,26 @@ enum class ErrorCode {
   kChecksumMismatch,    // a file is not the one its manifest names
   kNoSpace,             // the disk is full
   kCancelled,           // the user asked to stop
-  kInternal,            // a bug of ours
+  kTryAgain,            // somebody else is at work on it; the same call may succeed later
+  // Why a vehicle refuses a map.
+  kUntrusted,    // no signature, one that does not verify, or by a key that is not trusted
+  kKeyRevoked,   // signed by a key that was taken back
+  kDowngrade,    // an older build than one seen before, or another of the same number
+  kExpired,      // past the day that its signature states
+  kMixedParts,   // a part is not the one that the signed manifest names
+  kEndlessData,  // more bytes or time than were stated or allowed
+  kIncomplete,   // a part is missing or cut short
+  kWrongCamera,  // made for another camera
+  kWrongMap,     // another map than the one this vehicle drives on
+  kUnhealthy,    // it does not run here; the one before is back
+  kInternal,     // a bug of ours
 };
 
 [[nodiscard]] const char* ErrorCodeName(ErrorCode code);
 
 // Exit code of a program that ends with `code`, after sysexits.h: 0 done, 64 usage, 65 bad data,
-// 66 no input, 70 internal, 74 input/output or disk full, 75 try again, 76 version, 130
-// interrupted.
+// 66 no input, 70 internal, 74 input/output or disk full, 75 try again, 76 version, 77 not trusted,
+// 80..88 the other reasons to refuse a map, in the order above, 130 interrupted.
 [[nodiscard]] int ExitCode(ErrorCode code);
 
 // Messages name the file, the fault and the mend: "pano.gsv: 3 bytes long; re-export the depth".

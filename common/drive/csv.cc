@@ -36,7 +36,8 @@ std::string Joined(const std::vector<std::string>& names) {
 }  // namespace
 
 Result<CsvReader> CsvReader::Open(const std::filesystem::path& path,
-                                  const std::vector<std::string>& columns) {
+                                  const std::vector<std::string>& columns,
+                                  std::size_t num_optional) {
   const std::string name = path.string();
   std::error_code error;
   const auto bytes = std::filesystem::file_size(path, error);
@@ -53,12 +54,14 @@ Result<CsvReader> CsvReader::Open(const std::filesystem::path& path,
   if (!file.read(text.data(), static_cast<std::streamsize>(bytes))) {
     return Status(ErrorCode::kIo, name + ": reading failed; check the disk");
   }
-  return Parse(std::move(text), name, columns);
+  return Parse(std::move(text), name, columns, num_optional);
 }
 
 Result<CsvReader> CsvReader::Parse(std::string text, const std::string& name,
-                                   const std::vector<std::string>& columns) {
+                                   const std::vector<std::string>& columns,
+                                   std::size_t num_optional) {
   CsvReader reader;
+  reader.num_optional_ = num_optional;
   reader.text_ = std::move(text);
   reader.name_ = name;
   reader.columns_ = columns;
@@ -80,8 +83,10 @@ Status CsvReader::ReadHeader() {
       if (found != fields_.size()) return Bad("column '" + column + "' stands twice", mend);
       found = i;
     }
-    if (found == fields_.size()) return Bad("column '" + column + "' is missing", mend);
-    order_.push_back(found);
+    const bool is_needed = order_.size() + num_optional_ < columns_.size();
+    if (found == fields_.size() && is_needed)
+      return Bad("column '" + column + "' is missing", mend);
+    order_.push_back(found < fields_.size() ? found : std::string::npos);
   }
   num_header_fields_ = fields_.size();
   return {};

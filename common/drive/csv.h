@@ -17,19 +17,23 @@ namespace panofix {
 class CsvReader {
  public:
   // Reads the whole file (kNotFound, kTooLarge above 512 MiB) and its header line, which must hold
-  // every name of `columns`, each once.
+  // every name of `columns`, each once; the last `num_optional` of them may be missing and are then
+  // blank.
   [[nodiscard]] static Result<CsvReader> Open(const std::filesystem::path& path,
-                                              const std::vector<std::string>& columns);
+                                              const std::vector<std::string>& columns,
+                                              std::size_t num_optional = 0);
   // The same on text in memory; `name` is for messages.
   [[nodiscard]] static Result<CsvReader> Parse(std::string text, const std::string& name,
-                                               const std::vector<std::string>& columns);
+                                               const std::vector<std::string>& columns,
+                                               std::size_t num_optional = 0);
 
   // Moves to the next record: false at the end. kBadData where a quote is not closed or the number
   // of fields differs from the header's.
   [[nodiscard]] Result<bool> Next();
   // Field of the current record; `column` counts in the order given to Open.
   [[nodiscard]] const std::string& Text(std::size_t column) const {
-    return fields_[order_[column]];
+    static const std::string blank;
+    return order_[column] < fields_.size() ? fields_[order_[column]] : blank;
   }
   [[nodiscard]] bool IsBlank(std::size_t column) const;
   [[nodiscard]] Result<std::int64_t> Integer(std::size_t column) const;
@@ -44,7 +48,7 @@ class CsvReader {
   std::string text_, name_;
   std::vector<std::string> columns_, fields_;
   std::vector<std::size_t> order_;
-  std::size_t at_ = 0, num_header_fields_ = 0;
+  std::size_t at_ = 0, num_header_fields_ = 0, num_optional_ = 0;
   std::int64_t next_line_ = 1, line_ = 1;
 };
 

@@ -28,7 +28,8 @@ const std::vector<std::string>& Columns() {
                                                 "num_inliers",
                                                 "num_views",
                                                 "best_panorama",
-                                                "latency_ms"};
+                                                "latency_ms",
+                                                "map_is_unsigned"};
   return columns;
 }
 
@@ -54,9 +55,11 @@ enum Column : std::size_t {
   kNumInliers,
   kNumViews,
   kBestPanorama,
-  kLatency
+  kLatency,
+  kMapIsUnsigned
 };
 constexpr std::size_t kNumPoseColumns = kSigmaHeading - kLatitude + 1;
+constexpr std::size_t kNumOptionalColumns = 1;  // at the end; files of 0.1.0 lack them
 constexpr double kMaxHeightM = 1e5, kMaxAngleDeg = 1e4, kMaxSigma = 1e9, kMaxLatencyMs = 1e9;
 constexpr double kUnitQuaternionTolerance = 1e-3;  // rounding to 9 decimals costs 1e-9
 
@@ -146,6 +149,11 @@ Result<PoseRow> ReadRow(const CsvReader& table) {
   if (!num_views.ok()) return num_views.status();
   const Result<double> latency_ms = table.Number(kLatency, 0, kMaxLatencyMs);
   if (!latency_ms.ok()) return latency_ms.status();
+  // Unsaid counts as unsigned.
+  const std::string& unsigned_text = table.Text(kMapIsUnsigned);
+  if (!table.IsBlank(kMapIsUnsigned) && unsigned_text != "0" && unsigned_text != "1")
+    return table.Bad("map_is_unsigned '" + unsigned_text + "' is unknown", "write 0 or 1");
+  row.map_is_unsigned = unsigned_text != "0";
   row.num_inliers = *num_inliers, row.num_views = *num_views, row.latency_ms = *latency_ms;
   return row;
 }
@@ -175,7 +183,7 @@ std::string PosesCsvRow(const PoseRow& row) {
          CsvField(row.reason) + ',' +
          (row.pose ? PoseText(*row.pose) : std::string(kNumPoseColumns - 1, ',')) +
          Format(",%d,%d,", row.num_inliers, row.num_views) + CsvField(row.best_panorama) +
-         Format(",%.3f\n", row.latency_ms);
+         Format(",%.3f,%d\n", row.latency_ms, row.map_is_unsigned ? 1 : 0);
 }
 
 Result<PoseFormat> ParsePoseFormat(const std::string& name) {
@@ -205,7 +213,7 @@ std::string FormatPoses(const std::vector<PoseRow>& rows, PoseFormat format) {
 }
 
 Result<std::vector<PoseRow>> ReadPosesCsv(const std::filesystem::path& path) {
-  Result<CsvReader> table = CsvReader::Open(path, Columns());
+  Result<CsvReader> table = CsvReader::Open(path, Columns(), kNumOptionalColumns);
   if (!table.ok()) return table.status();
   std::vector<PoseRow> rows;
   while (true) {

@@ -33,6 +33,7 @@ struct PoseRow {
   int num_inliers = 0, num_views = 0;
   std::string best_panorama;
   double latency_ms = 0;
+  bool map_is_unsigned = true;  // no signature of the bundle was verified: for development only
 };
 
 enum class PoseFormat { kCsv, kTum, kGeoJson, kGpx };

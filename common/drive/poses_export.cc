@@ -81,6 +81,7 @@ std::string GeoJsonFeature(const PoseRow& row) {
              pose.sigma_east_m, pose.sigma_north_m, pose.sigma_up_m, pose.sigma_heading_deg) +
          Format("\"num_inliers\":%d,\"num_views\":%d,\"latency_ms\":%.3f,", row.num_inliers,
                 row.num_views, row.latency_ms) +
+         "\"map_is_unsigned\":" + (row.map_is_unsigned ? "true," : "false,") +
          "\"best_panorama\":" + JsonString(row.best_panorama) + "}}";
 }
 
@@ -136,8 +137,9 @@ std::string FormatGpx(const std::vector<PoseRow>& rows) {
     text += Format("<trkpt lat=\"%.10f\" lon=\"%.10f\"><ele>%.4f</ele><time>%s</time>",
                    row.pose->position.lat_deg, row.pose->position.lon_deg,
                    row.pose->position.height_m, Utc(row.timestamp_ns).c_str()) +
-            Format("<desc>%s, heading %.2f deg, %d inliers</desc></trkpt>\n",
-                   FixStatusName(row.status), row.pose->attitude.heading_deg, row.num_inliers);
+            Format("<desc>%s, heading %.2f deg, %d inliers%s</desc></trkpt>\n",
+                   FixStatusName(row.status), row.pose->attitude.heading_deg, row.num_inliers,
+                   row.map_is_unsigned ? ", unsigned map" : "");
   }
   if (in_segment) text += "</trkseg>\n";
   return text + "</trk>\n</gpx>\n";

@@ -3,11 +3,11 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <span>
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/io/read_file.h"
 
 namespace panofix {
 
@@ -47,9 +47,5 @@ struct Gray16Image {
 // Decodes a PNG of one 16-bit channel; kBadData names what any other image holds.
 [[nodiscard]] Result<Gray16Image> DecodePng16(std::span<const std::uint8_t> bytes,
                                               const DecodeLimits& limits = {});
-
-// Whole file into memory; kNotFound, kTooLarge, kIo name the file and the mend.
-[[nodiscard]] Result<std::vector<std::uint8_t>> ReadFileBytes(const std::filesystem::path& path,
-                                                              std::size_t max_bytes);
 
 }  // namespace panofix

@@ -1,5 +1,7 @@
 #include "common/map/manifest.h"
 
+#include <array>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -91,6 +93,31 @@ LambertParameters LambertFrom(const Json& j) {
   return p;
 }
 
+// "1.2.3" as numbers.
+std::array<int, 3> VersionFrom(const std::string& text) {
+  std::array<int, 3> v{};
+  int end = 0;
+  if (std::sscanf(text.c_str(), "%5d.%5d.%5d%n", &v[0], &v[1], &v[2], &end) != 3 ||
+      static_cast<std::size_t>(end) != text.size() || v[0] < 0 || v[1] < 0 || v[2] < 0) {
+    throw std::invalid_argument("'" + text + "' is no version such as 1.2.3");
+  }
+  return v;
+}
+
+// Empty where this release of panofix may read the bundle.
+std::string WhyNotThisRelease(const Manifest& m) {
+  const auto own = VersionFrom(PANOFIX_VERSION);
+  if (VersionFrom(m.runtime_min) > own) {
+    return "is for panofix " + m.runtime_min +
+           " or later, this is " PANOFIX_VERSION "; update panofix";
+  }
+  if (!m.runtime_before.empty() && VersionFrom(m.runtime_before) <= own) {
+    return "is for panofix before " + m.runtime_before +
+           ", this is " PANOFIX_VERSION "; get a newer bundle";
+  }
+  return {};
+}
+
 // A path that cannot leave the bundle's folder.
 bool IsSafePath(const std::string& path) {
   if (path.empty() || path.size() > 256 || path.front() == '/' ||
@@ -134,6 +161,11 @@ Manifest ManifestFrom(const Json& j) {
   j.at("name").get_to(m.name);
   j.at("build").get_to(m.build);
   j.at("generator").get_to(m.generator);
+  if (m.minor >= 1) {  // 2.0 did not say
+    j.at("runtime").at("min").get_to(m.runtime_min);
+    j.at("runtime").at("before").get_to(m.runtime_before);
+    j.at("vocabulary_release").get_to(m.vocabulary_release);
+  }
   m.map_frame = LambertFrom(j.at("map_frame"));
   m.camera = CameraFrom(j.at("camera"));
   m.features = FeaturesFrom(j.at("preprocessing"));
@@ -167,42 +199,44 @@ std::string ToJson(const Manifest& m) {
   for (const BundlePart& part : m.parts) {
     parts.push_back({{"path", part.path}, {"num_bytes", part.num_bytes}, {"sha256", part.sha256}});
   }
-  const Json j = {{"format", {{"name", "panofix-bundle"}, {"major", m.major}, {"minor", m.minor}}},
-                  {"name", m.name},
-                  {"build", m.build},
-                  {"generator", m.generator},
-                  {"map_frame", LambertJson(m.map_frame)},
-                  {"camera", CameraJson(m.camera)},
-                  {"preprocessing", FeaturesJson(m.features)},
-                  {"errors",
-                   {{"range_sigma_share", m.errors.range_sigma_share},
-                    {"normal_sigma_deg", m.errors.normal_sigma_deg},
-                    {"relief_sigma_m", m.errors.relief_sigma_m},
-                    {"panorama_position_sigma_m", m.errors.panorama_position_sigma_m},
-                    {"panorama_heading_sigma_deg", m.errors.panorama_heading_sigma_deg}}},
-                  {"provenance",
-                   {{"source", m.provenance.source},
-                    {"licence", m.provenance.licence},
-                    {"height_datum", m.provenance.height_datum},
-                    {"data_set_sha256", m.provenance.data_set_sha256},
-                    {"options", m.provenance.options.empty() ? Json::object()
-                                                             : Json::parse(m.provenance.options)}}},
-                  {"counts",
-                   {{"panoramas", m.num_panoramas},
-                    {"stations", m.num_stations},
-                    {"views", m.num_views},
-                    {"landmarks", m.num_landmarks},
-                    {"set_aside", m.num_set_aside},
-                    {"views_per_station", m.views_per_station}}},
-                  {"parts", parts}};
+  Json j = {{"format", {{"name", "panofix-bundle"}, {"major", m.major}, {"minor", m.minor}}},
+            {"name", m.name},
+            {"build", m.build},
+            {"generator", m.generator},
+            {"runtime", {{"min", m.runtime_min}, {"before", m.runtime_before}}},
+            {"vocabulary_release", m.vocabulary_release},
+            {"map_frame", LambertJson(m.map_frame)},
+            {"camera", CameraJson(m.camera)},
+            {"preprocessing", FeaturesJson(m.features)},
+            {"errors",
+             {{"range_sigma_share", m.errors.range_sigma_share},
+              {"normal_sigma_deg", m.errors.normal_sigma_deg},
+              {"relief_sigma_m", m.errors.relief_sigma_m},
+              {"panorama_position_sigma_m", m.errors.panorama_position_sigma_m},
+              {"panorama_heading_sigma_deg", m.errors.panorama_heading_sigma_deg}}},
+            {"provenance",
+             {{"source", m.provenance.source},
+              {"licence", m.provenance.licence},
+              {"height_datum", m.provenance.height_datum},
+              {"data_set_sha256", m.provenance.data_set_sha256},
+              {"options",
+               m.provenance.options.empty() ? Json::object() : Json::parse(m.provenance.options)}}},
+            {"counts",
+             {{"panoramas", m.num_panoramas},
+              {"stations", m.num_stations},
+              {"views", m.num_views},
+              {"landmarks", m.num_landmarks},
+              {"set_aside", m.num_set_aside},
+              {"views_per_station", m.views_per_station}}},
+            {"parts", parts}};
+  if (m.minor < 1) j.erase("runtime"), j.erase("vocabulary_release");
   return j.dump(1) + "\n";
 }
 
 Result<Manifest> ParseManifest(const std::string& text, const std::string& name) {
-  constexpr std::size_t kMaxBytes = std::size_t{64} << 20;
-  if (text.size() > kMaxBytes) {
+  if (text.size() > kMaxManifestBytes) {
     return Status(ErrorCode::kTooLarge, Format("%s: %zu bytes; a manifest has at most %zu",
-                                               name.c_str(), text.size(), kMaxBytes));
+                                               name.c_str(), text.size(), kMaxManifestBytes));
   }
   try {
     const Json j = Json::parse(text);
@@ -215,7 +249,10 @@ Result<Manifest> ParseManifest(const std::string& text, const std::string& name)
           Format("%s: bundle format %d, this program reads format %d; %s", name.c_str(), major,
                  kBundleMajor, major > kBundleMajor ? "update panofix" : "build the bundle again"));
     }
-    return ManifestFrom(j);
+    Manifest manifest = ManifestFrom(j);
+    const std::string why_not = WhyNotThisRelease(manifest);
+    if (!why_not.empty()) return Status(ErrorCode::kUnsupportedVersion, name + ": " + why_not);
+    return manifest;
   } catch (const std::exception& error) {
     return Status(ErrorCode::kBadData,
                   name + ": " + error.what() + "; fetch the bundle again or build it again");

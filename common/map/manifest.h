@@ -14,9 +14,14 @@ namespace panofix {
 
 // Version of the bundle format that this code writes; it reads the same major with any minor.
 inline constexpr int kBundleMajor = 2;
-inline constexpr int kBundleMinor = 0;
+inline constexpr int kBundleMinor = 1;
 inline constexpr char kManifestName[] = "manifest.json";
 inline constexpr char kManifestHashName[] = "manifest.json.sha256";
+inline constexpr char kManifestSignatureName[] = "manifest.json.minisig";
+inline constexpr std::size_t kMaxManifestBytes = std::size_t{64} << 20;
+inline constexpr std::size_t kMaxSignatureBytes = std::size_t{16} << 10;
+// The oldest release of panofix that reads what this code writes.
+inline constexpr char kOldestRuntime[] = "0.1.0";
 
 // A file of the bundle beside the manifest.
 struct BundlePart {
@@ -46,6 +51,9 @@ struct Manifest {
   std::string name;
   std::int64_t build = 0;  // grows from release to release
   std::string generator;   // program and version
+  // Releases of panofix that read it: from the first, before the second (empty: no end).
+  std::string runtime_min = kOldestRuntime, runtime_before;
+  std::string vocabulary_release;  // what visual words mean; empty in format 2.0
   LambertParameters map_frame;
   Camera camera;            // the vehicle's; views are cut with it, undistorted
   FeatureOptions features;  // preprocessing contract
@@ -59,7 +67,8 @@ struct Manifest {
 
 // Equal manifests give equal text.
 [[nodiscard]] std::string ToJson(const Manifest& manifest);
-// kBadData, kUnsupportedVersion (newer major) or kTooLarge; `name` is for messages.
+// kBadData, kUnsupportedVersion (another major, or not for this release of panofix) or kTooLarge;
+// `name` is for messages.
 [[nodiscard]] Result<Manifest> ParseManifest(const std::string& text, const std::string& name);
 
 }  // namespace panofix

@@ -1,15 +1,10 @@
 #include "common/map/map_bundle.h"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "common/base/log.h"
 #include "common/image/gray_image.h"
-#include "common/io/sha256.h"
-#include "common/io/unique_fd.h"
 #include "common/map/landmark_codes.h"
 #include "common/map/map_arrays.h"
 
@@ -46,73 +41,41 @@ Status LoadTree(const Hdf5Reader& file, const std::string& group, VocabularyTree
   return {};
 }
 
-Result<std::string> ReadText(const std::filesystem::path& path, std::size_t max_bytes) {
-  auto bytes = ReadFileBytes(path, max_bytes);
-  if (!bytes.ok()) return bytes.status();
-  return std::string(bytes->begin(), bytes->end());
-}
-
 }  // namespace
 
 Result<Manifest> MapBundle::ReadManifest(const std::filesystem::path& folder, std::string* id) {
-  const std::string name = (folder / kManifestName).string();
-  if (!std::filesystem::is_directory(folder)) {
-    return Status(ErrorCode::kNotFound, folder.string() +
-                                            ": no such bundle folder; build one with "
-                                            "panofix-builder build");
-  }
-  auto text = ReadText(folder / kManifestName, std::size_t{64} << 20);
-  if (!text.ok()) return text.status();
-  auto hash = ReadText(folder / kManifestHashName, 4096);
-  if (!hash.ok()) return hash.status();
-  *id = Sha256Hex(*text);
-  if (hash->substr(0, 64) != *id) {
-    // A newer format may hash another way: say so first.
-    const auto parsed = ParseManifest(*text, name);
-    if (!parsed.ok() && parsed.status().code() == ErrorCode::kUnsupportedVersion)
-      return parsed.status();
-    return Status(ErrorCode::kChecksumMismatch,
-                  name + ": its SHA-256 is not the one in " + kManifestHashName + kMend);
-  }
-  return ParseManifest(*text, name);
+  auto manifest = ReadSignedManifest(folder, {});
+  if (!manifest.ok()) return manifest.status();
+  *id = manifest->id;
+  return std::move(manifest->manifest);
 }
 
-Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::path& folder) {
-  std::string id;
-  auto manifest = ReadManifest(folder, &id);
-  if (!manifest.ok()) return manifest.status();
-  std::shared_ptr<MapBundle> bundle(new MapBundle(std::move(manifest).value()));
-  bundle->id_ = id;
+Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::path& folder,
+                                                         const KeyRing& trusted_keys) {
+  auto verified = VerifyBundle(folder, trusted_keys);
+  if (!verified.ok()) return verified.status();
+  return Load(std::move(*verified), folder);
+}
+
+Result<std::shared_ptr<const MapBundle>> MapBundle::Load(VerifiedBundle verified,
+                                                         const std::filesystem::path& folder) {
+  std::shared_ptr<MapBundle> bundle(new MapBundle(std::move(verified.manifest.manifest)));
+  bundle->id_ = verified.manifest.id;
+  bundle->release_ = std::move(verified.manifest.release);
   // The graph first (it names the panoramas), the vocabulary next, then the tiles.
-  std::vector<BundlePart> parts = bundle->manifest_.parts;
-  const auto rank = [](const BundlePart& p) {
-    return p.path == "graph.h5" ? 0 : p.path == "vocabulary.h5" ? 1 : 2;
+  std::vector<VerifiedPart>& parts = verified.parts;
+  const auto rank = [](const VerifiedPart& p) {
+    return p.part.path == "graph.h5" ? 0 : p.part.path == "vocabulary.h5" ? 1 : 2;
   };
   std::stable_sort(parts.begin(), parts.end(),
-                   [&](const BundlePart& a, const BundlePart& b) { return rank(a) < rank(b); });
+                   [&](const VerifiedPart& a, const VerifiedPart& b) { return rank(a) < rank(b); });
   if (parts.size() < 2 || rank(parts[0]) != 0 || rank(parts[1]) != 1) {
     return Bad(folder.string() + ": graph.h5 or vocabulary.h5 is not in the manifest");
   }
-  for (const BundlePart& part : parts) {
-    const std::string name = (folder / part.path).string();
-    const UniqueFd fd(::open(name.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-    struct stat info {};
-    if (!fd.valid() || ::fstat(fd.get(), &info) != 0 || !S_ISREG(info.st_mode)) {
-      return Status(ErrorCode::kNotFound, name + ": cannot be read" + kMend);
-    }
-    if (static_cast<std::uint64_t>(info.st_size) != part.num_bytes) {
-      return Status(ErrorCode::kChecksumMismatch,
-                    Format("%s: %lld bytes, the manifest says %llu%s", name.c_str(),
-                           static_cast<long long>(info.st_size),
-                           static_cast<unsigned long long>(part.num_bytes), kMend));
-    }
-    const auto hash = Sha256OfDescriptor(fd.get(), name);
-    if (!hash.ok()) return hash.status();
-    if (*hash != part.sha256) {
-      return Status(ErrorCode::kChecksumMismatch,
-                    name + ": its SHA-256 is not the manifest's" + kMend);
-    }
-    const Status status = bundle->LoadPart(part, fd.get(), name);
+  for (VerifiedPart& part : parts) {
+    const std::string name = (folder / part.part.path).string();
+    const Status status = bundle->LoadPart(part.part, part.fd.get(), name);
+    part.fd.Reset();
     // An array that is not there is the bundle's fault, not the caller's.
     const ErrorCode code =
         status.code() == ErrorCode::kNotFound ? ErrorCode::kBadData : status.code();

@@ -12,6 +12,7 @@
 
 #include "common/geometry/rigid3.h"
 #include "common/io/hdf5_file.h"
+#include "common/map/bundle_files.h"
 #include "common/map/local_frame.h"
 #include "common/map/manifest.h"
 #include "common/map/map_tile.h"
@@ -43,17 +44,20 @@ struct MapView {
 
 class MapBundle {
  public:
-  // Reads the manifest, checks its hash and version, then size and SHA-256 of every part on the
-  // very descriptor that is mapped, and only then opens HDF5. Never writes. Any index that points
-  // outside its array is kBadData.
+  // Reads the manifest, verifies its signature where keys are given (else the map counts as
+  // unsigned), checks hash and version, then size and SHA-256 of every part on the very descriptors
+  // that are mapped, and only then opens HDF5. Never writes. Any index that points outside its
+  // array is kBadData.
   [[nodiscard]] static Result<std::shared_ptr<const MapBundle>> Open(
-      const std::filesystem::path& folder);
-  // The manifest alone, hash and version checked.
+      const std::filesystem::path& folder, const KeyRing& trusted_keys = {});
+  // The manifest alone, hash and version checked, its signature not.
   [[nodiscard]] static Result<Manifest> ReadManifest(const std::filesystem::path& folder,
                                                      std::string* id);
 
   [[nodiscard]] const Manifest& manifest() const { return manifest_; }
   [[nodiscard]] const std::string& id() const { return id_; }  // SHA-256 of manifest.json
+  // Who signed it; absent where no key was given to verify with.
+  [[nodiscard]] const std::optional<BundleRelease>& release() const { return release_; }
   [[nodiscard]] const MapFrame& frame() const { return frame_; }
   [[nodiscard]] const Vocabulary& vocabulary() const { return vocabulary_; }
   [[nodiscard]] const std::vector<MapPanorama>& panoramas() const { return panoramas_; }
@@ -96,6 +100,8 @@ class MapBundle {
  private:
   explicit MapBundle(Manifest manifest)
       : manifest_(std::move(manifest)), frame_(manifest_.map_frame) {}
+  static Result<std::shared_ptr<const MapBundle>> Load(VerifiedBundle verified,
+                                                       const std::filesystem::path& folder);
   Status LoadPart(const BundlePart& part, int fd, const std::string& name);
   Status LoadVocabulary(const Hdf5Reader& file);
   Status LoadGraph(const Hdf5Reader& file);
@@ -106,6 +112,7 @@ class MapBundle {
 
   Manifest manifest_;
   std::string id_;
+  std::optional<BundleRelease> release_;
   MapFrame frame_;
   Vocabulary vocabulary_;
   std::vector<MapPanorama> panoramas_;

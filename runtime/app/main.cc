@@ -5,6 +5,8 @@
 #include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "runtime/app/localize.h"
+#include "runtime/app/serve_store.h"
+#include "runtime/app/store_commands.h"
 #include "runtime/localizer/levers.h"
 #include "runtime/service/play.h"
 #include "runtime/service/record.h"
@@ -20,9 +22,23 @@ Examples:
   panofix-runtime serve --bundle map --frames tcp://127.0.0.1:5601 --poses 'tcp://*:5602'
   panofix-runtime play --drive drive --bind 'tcp://*:5601' --rate 10
   panofix-runtime record --poses tcp://127.0.0.1:5602 --out poses.csv
+On a vehicle:
+  panofix-runtime init --store /var/lib/panofix --map city --camera camera.yaml --key map.pub
+  panofix-runtime install --store /var/lib/panofix http://maps.example/city-42.pfb --activate
+  panofix-runtime serve --store /var/lib/panofix --frames ipc:///run/camera --poses 'tcp://*:5602'
+  panofix-runtime rollback --store /var/lib/panofix
 
-Exit codes: 0 done, 64 wrong use, 65 bad data, 66 not found, 74 disk or network,
-76 bundle format not readable, 130 interrupted.)";
+Exit codes: 0 done, 64 wrong use, 65 bad data, 66 not found, 74 disk or network, 75 try again,
+76 format not readable, 77 not signed with a trusted key, 130 interrupted. Refused maps: 80 key
+revoked, 81 older than one seen, 82 expired, 83 mixed parts, 84 endless data, 85 incomplete,
+86 another camera, 87 another map, 88 does not run here.)";
+
+// Files of public keys, read once the command line is.
+void AddKeyOption(CLI::App* command, std::vector<std::filesystem::path>* keys) {
+  command->add_option("--trusted-key", *keys,
+                      "public key that the bundle must be signed with; may be repeated (default: "
+                      "the bundle may be unsigned, and every pose says so)");
+}
 
 void AddLocalizerOptions(CLI::App* command, panofix::LocalizerOptions* options) {
   command
@@ -50,6 +66,7 @@ Status Dispatch(int argc, char** argv, int* parse_exit) {
   app.add_option("--log-level", log_level, "debug, info, warning, error or off")
       ->capture_default_str();
 
+  std::vector<std::filesystem::path> keys;
   panofix::LocalizeOptions localize;
   CLI::App* localize_command =
       app.add_subcommand("localize", "Localize a recorded drive, frame by frame");
@@ -61,12 +78,19 @@ Status Dispatch(int argc, char** argv, int* parse_exit) {
       ->capture_default_str();
   localize_command->add_option("--log", localize.log,
                                "also write latencies and comparisons as JSON");
+  AddKeyOption(localize_command, &keys);
   AddLocalizerOptions(localize_command, &localize.localizer);
 
   panofix::ServeOptions serve;
   CLI::App* serve_command =
       app.add_subcommand("serve", "Localize a live camera feed and publish poses (ZeroMQ)");
-  serve_command->add_option("--bundle", serve.bundle, "the map bundle's folder")->required();
+  std::filesystem::path store;
+  CLI::Option* bundle_option =
+      serve_command->add_option("--bundle", serve.bundle, "the map bundle's folder (development)");
+  serve_command
+      ->add_option("--store", store, "the vehicle's store: its active map, signed and verified")
+      ->excludes(bundle_option);
+  AddKeyOption(serve_command, &keys);
   serve_command
       ->add_option("--frames", serve.frames,
                    "camera feed to subscribe to, e.g. tcp://127.0.0.1:5601")
@@ -113,6 +137,8 @@ Status Dispatch(int argc, char** argv, int* parse_exit) {
                    "stop after this long without a pose; 0 = never")
       ->capture_default_str();
 
+  const std::vector<panofix::StoreCommand> store_commands = panofix::AddStoreCommands(&app);
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -128,8 +154,19 @@ Status Dispatch(int argc, char** argv, int* parse_exit) {
             "--log-level " + log_level + ": unknown; use debug, info, warning, error or off"};
   }
   panofix::InstallCancelHandlers();
+  for (const auto& [command, run] : store_commands) {
+    if (command->parsed()) return run();
+  }
+  auto ring = panofix::ReadKeyRing(keys);
+  if (!ring.ok()) return ring.status();
+  localize.localizer.trusted_keys = serve.localizer.trusted_keys = *ring;
   if (localize_command->parsed()) return panofix::LocalizeDrive(localize);
-  if (serve_command->parsed()) return panofix::Serve(serve);
+  if (serve_command->parsed() && store.empty() && serve.bundle.empty()) {
+    return {panofix::ErrorCode::kInvalidArgument,
+            "serve: give --store, or --bundle for development; see panofix-runtime serve --help"};
+  }
+  if (serve_command->parsed())
+    return store.empty() ? panofix::Serve(serve) : panofix::ServeStore(store, serve);
   if (play_command->parsed()) return panofix::Play(play);
   return panofix::Record(record);
 }

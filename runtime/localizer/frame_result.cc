@@ -26,6 +26,7 @@ PoseRow ToPoseRow(const FrameResult& result) {
   row.num_views = result.num_views;
   row.best_panorama = result.best_panorama;
   row.latency_ms = result.latency.total_ms;
+  row.map_is_unsigned = result.map_is_unsigned;
   if (result.pose) {
     const PoseSigmas sigmas = SigmasOf(*result.pose);
     row.pose = PoseColumns{result.pose->position, result.pose->attitude, result.pose->enu_from_cam,

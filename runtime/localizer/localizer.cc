@@ -83,8 +83,13 @@ Result<std::unique_ptr<Localizer>> Localizer::Open(const std::filesystem::path& 
     options.Check();
     Status status = camera.Check();
     if (!status.ok()) return status;
-    auto map = MapBundle::Open(bundle);
+    auto map = MapBundle::Open(bundle, options.trusted_keys);
     if (!map.ok()) return map.status();
+    if (!(*map)->release()) {
+      LogWarning(bundle.string() +
+                 ": the map's signature is not verified; for development only. Give --trusted-key, "
+                 "or install the bundle into a store");
+    }
     return std::unique_ptr<Localizer>(
         new Localizer(std::make_unique<Impl>(std::move(map).value(), camera, options)));
   } catch (const std::invalid_argument& error) {
@@ -105,6 +110,7 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
   FrameResult result;
   result.timestamp_ns = timestamp_ns;
   result.num_database = static_cast<std::int64_t>(impl_->bundle->views().size());
+  result.map_is_unsigned = !impl_->identity.is_signed;
   const auto start = std::chrono::steady_clock::now();
   LogDebug(Format("frame %lld", static_cast<long long>(timestamp_ns)));
   try {
@@ -120,6 +126,7 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
     result = FrameResult{};
     result.timestamp_ns = timestamp_ns;
     result.reason = "internal_error";
+    result.map_is_unsigned = !impl_->identity.is_signed;
   }
   result.latency.total_ms =
       std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -130,6 +137,7 @@ FrameResult Localizer::Undecodable(std::int64_t timestamp_ns) const {
   FrameResult result;
   result.timestamp_ns = timestamp_ns;
   result.reason = "frame_undecodable";
+  result.map_is_unsigned = !impl_->identity.is_signed;
   return result;
 }
 

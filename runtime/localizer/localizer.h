@@ -16,6 +16,7 @@
 #include "common/drive/run_log.h"
 #include "common/geo/map_frame.h"
 #include "common/image/gray_image.h"
+#include "common/sign/key_ring.h"
 
 namespace panofix {
 
@@ -24,6 +25,7 @@ struct LocalizerOptions {
   std::vector<std::string> add;    // levers beside the preset's, by name (levers.h)
   int num_threads = 0;             // 0 = all cores
   std::uint64_t seed = 1;          // of the robust search; same frames, same poses
+  KeyRing trusted_keys;            // the bundle must be signed with one; empty = it may be unsigned
   void Check() const;              // throws std::invalid_argument
 };
 
@@ -47,6 +49,7 @@ struct FrameResult {
   StageLatency latency;
   std::int64_t num_compared = 0;  // database views that the retrieval looked at
   std::int64_t num_database = 0;  // views in the map
+  bool map_is_unsigned = true;    // no signature of the bundle was verified
 };
 
 // What a bundle says of itself, for messages and logs.

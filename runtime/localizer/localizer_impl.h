@@ -60,6 +60,7 @@ struct Localizer::Impl {
     identity.name = manifest.name;
     identity.id = bundle->id();
     identity.build = manifest.build;
+    identity.is_signed = bundle->release().has_value();
     identity.num_panoramas = bundle->panoramas().size();
     identity.num_views = bundle->views().size();
   }

@@ -25,7 +25,8 @@ std::vector<std::uint8_t> PackLocationFix(const FrameResult& result, const Bundl
   };
   const std::vector<flatbuffers::Offset<foxglove::KeyValuePair>> pairs{
       pair("status", FixStatusName(result.status)), pair("reason", result.reason),
-      pair("num_inliers", std::to_string(result.num_inliers)), pair("bundle_id", bundle.id)};
+      pair("num_inliers", std::to_string(result.num_inliers)), pair("bundle_id", bundle.id),
+      pair("map_is_unsigned", bundle.is_signed ? "false" : "true")};
   const auto metadata = builder.CreateVector(pairs);
   const auto frame_id = builder.CreateString("cam");
 

@@ -162,6 +162,7 @@ Status UnpackTexts(const wire::LocalizationResult& in, ReceivedResult& out) {
   out.result.best_panorama = out.row.best_panorama;
   out.bundle.build = bundle ? bundle->build() : 0;
   out.bundle.is_signed = !in.map_is_unsigned();
+  out.row.map_is_unsigned = out.result.map_is_unsigned = in.map_is_unsigned();
   return {};
 }
 

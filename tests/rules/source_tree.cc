@@ -73,6 +73,9 @@ const std::vector<Door>& Doors() {
       {"GeographicLib/", {"common/geo", "tests/common/geo", "tests/town"}},
       {"yaml-cpp/", {"common/camera"}},
       {"embree3/", {"tests/town"}},
+      {"sodium.h", {"common/sign", "builder/ship", "tests/support"}},
+      {"zstd.h", {"builder/ship", "runtime/store", "tests/runtime", "tests/builder"}},
+      {"curl/", {"runtime/store"}},
       {"gtest/", {"tests"}},
       {"gmock/", {"tests"}},
       {"benchmark/", {"tests/bench"}}};
@@ -82,7 +85,7 @@ const std::vector<Door>& Doors() {
 // The C library, the kernel and the processor: no third party.
 bool IsPlatformHeader(const std::string& target) {
   static const std::regex platform(
-      R"(^((sys|netinet|arpa|linux)/.*|(unistd|fcntl|poll|spawn|signal|stdlib|string|time|errno|dirent|pthread|sched|glob|netdb|termios|cpuid|[a-z]*intrin)\.h)$)");
+      R"(^((sys|netinet|arpa|linux)/.*|(unistd|fcntl|poll|spawn|signal|stdlib|string|time|errno|dirent|dlfcn|stdarg|pthread|sched|glob|netdb|termios|cpuid|[a-z]*intrin)\.h)$)");
   return target.find_first_of("./") == std::string::npos || std::regex_match(target, platform);
 }
 

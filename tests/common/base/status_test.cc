@@ -18,7 +18,18 @@ constexpr ErrorCode kAllCodes[] = {ErrorCode::kOk,
                                    ErrorCode::kChecksumMismatch,
                                    ErrorCode::kNoSpace,
                                    ErrorCode::kCancelled,
-                                   ErrorCode::kInternal};
+                                   ErrorCode::kInternal,
+                                   ErrorCode::kTryAgain,
+                                   ErrorCode::kUntrusted,
+                                   ErrorCode::kKeyRevoked,
+                                   ErrorCode::kDowngrade,
+                                   ErrorCode::kExpired,
+                                   ErrorCode::kMixedParts,
+                                   ErrorCode::kEndlessData,
+                                   ErrorCode::kIncomplete,
+                                   ErrorCode::kWrongCamera,
+                                   ErrorCode::kWrongMap,
+                                   ErrorCode::kUnhealthy};
 
 TEST(Status, DefaultIsOk) {
   const Status status;
@@ -53,6 +64,18 @@ TEST(ErrorCode, ExitCodesFollowSysexits) {
   EXPECT_EQ(ExitCode(ErrorCode::kNoSpace), 74);
   EXPECT_EQ(ExitCode(ErrorCode::kUnsupportedVersion), 76);
   EXPECT_EQ(ExitCode(ErrorCode::kCancelled), 130);
+  EXPECT_EQ(ExitCode(ErrorCode::kTryAgain), 75);
+}
+
+TEST(ErrorCode, EveryRefusalOfAMapHasAnExitCodeOfItsOwn) {
+  std::set<int> codes;
+  for (const ErrorCode code :
+       {ErrorCode::kUntrusted, ErrorCode::kKeyRevoked, ErrorCode::kDowngrade, ErrorCode::kExpired,
+        ErrorCode::kMixedParts, ErrorCode::kEndlessData, ErrorCode::kIncomplete,
+        ErrorCode::kWrongCamera, ErrorCode::kWrongMap, ErrorCode::kUnhealthy,
+        ErrorCode::kUnsupportedVersion}) {
+    EXPECT_TRUE(codes.insert(ExitCode(code)).second) << ErrorCodeName(code);
+  }
 }
 
 TEST(ErrorCode, OnlyOkExitsWithZero) {

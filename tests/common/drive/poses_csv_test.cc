@@ -49,6 +49,7 @@ std::vector<PoseRow> SampleRows() {
       Fix(-1, {0, 0, 0}, {0, 0, 0})};
   rows[2].status = FixStatus::kDegraded;
   rows[2].reason = "few views";
+  rows[2].map_is_unsigned = false;
   return rows;
 }
 
@@ -65,14 +66,14 @@ TEST(PosesCsv, HeaderAndDecimalsAreTheContract) {
   EXPECT_EQ(lines[0],
             "timestamp_ns,status,reason,latitude,longitude,altitude,heading,pitch,roll,qx,qy,qz,qw,"
             "sigma_east_m,sigma_north_m,sigma_up_m,sigma_heading_deg,num_inliers,num_views,"
-            "best_panorama,latency_ms");
+            "best_panorama,latency_ms,map_is_unsigned");
   EXPECT_EQ(lines[1].rfind("1402922358641000001,fix,,48.8505986676,2.3348142763,40.2540,"
                            "179.380997,4.200000,-0.500000,",
                            0),
             0U)
       << lines[1];
   EXPECT_EQ(lines[2],
-            "1402922359000000000,no_fix,\"too few matches, 3 of 12\",,,,,,,,,,,,,,,0,0,,5.000");
+            "1402922359000000000,no_fix,\"too few matches, 3 of 12\",,,,,,,,,,,,,,,0,0,,5.000,1");
   EXPECT_NE(lines[3].find(",0.000000,0.000000,0.000000,"), std::string::npos) << "heading 360";
 }
 
@@ -91,6 +92,7 @@ TEST(PosesCsv, RoundTrip) {
     EXPECT_EQ(a.best_panorama, b.best_panorama);
     EXPECT_EQ(a.num_inliers, b.num_inliers);
     EXPECT_EQ(a.num_views, b.num_views);
+    EXPECT_EQ(a.map_is_unsigned, b.map_is_unsigned);
     EXPECT_NEAR(a.latency_ms, b.latency_ms, 0.51e-3);
     ASSERT_EQ(a.pose.has_value(), b.pose.has_value());
     if (!a.pose) continue;

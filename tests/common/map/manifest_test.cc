@@ -24,6 +24,7 @@ Manifest Full() {
   m.features = {Equalization::kGlobal, 3.5, 4, 1234, 0.01, 56, false};
   m.errors = {0.031, 0.7, 0.21, 0.07, 0.3};
   m.provenance = {"own captures", "CC-BY-4.0", "EGM96", kHash, "{\"b\":1,\"a\":[2.5,\"x\"]}"};
+  m.runtime_min = "0.0.7", m.runtime_before = "77.0.0", m.vocabulary_release = "city 3";
   m.num_panoramas = 2, m.num_stations = 5, m.num_views = 40, m.num_landmarks = 3000;
   m.num_set_aside = 1;
   m.views_per_station = 8;
@@ -54,6 +55,9 @@ TEST(Manifest, RoundTripKeepsEveryField) {
   EXPECT_EQ(back->provenance.height_datum, "EGM96");
   EXPECT_EQ(back->provenance.options, m.provenance.options);
   EXPECT_EQ(back->num_set_aside, 1);
+  EXPECT_EQ(back->runtime_min, "0.0.7");
+  EXPECT_EQ(back->runtime_before, "77.0.0");
+  EXPECT_EQ(back->vocabulary_release, "city 3");
   EXPECT_EQ(back->num_panoramas, 2);
   EXPECT_EQ(back->num_stations, 5);
   EXPECT_EQ(back->num_views, 40);
@@ -87,6 +91,29 @@ TEST(Manifest, ANewerMinorWithMoreFieldsIsRead) {
   const auto manifest = ParseManifest(json.dump(), "m.json");
   ASSERT_TRUE(manifest.ok()) << manifest.status().message();
   EXPECT_EQ(manifest->minor, kBundleMinor + 7);
+}
+
+TEST(Manifest, StatesWhichReleasesReadIt) {
+  const auto code_with = [](const char* min, const char* before) {
+    Json json = Parsed();
+    json["runtime"] = {{"min", min}, {"before", before}};
+    return CodeOf(json);
+  };
+  EXPECT_EQ(code_with("0.0.9", ""), ErrorCode::kOk);
+  EXPECT_EQ(code_with(kOldestRuntime, "900.0.0"), ErrorCode::kOk);
+  EXPECT_EQ(code_with("900.0.0", ""), ErrorCode::kUnsupportedVersion);
+  EXPECT_EQ(code_with("0.0.1", "0.0.2"), ErrorCode::kUnsupportedVersion);
+  for (const char* bad : {"", "1", "1.2", "a.b.c", "1.2.3.4", "-1.2.3", "1.2.3 "})
+    EXPECT_EQ(code_with(bad, ""), ErrorCode::kBadData) << bad;
+}
+
+TEST(Manifest, FormatTwoZeroSaidLess) {
+  Manifest m = Full();
+  m.minor = 0;
+  const Json json = Json::parse(ToJson(m));
+  EXPECT_FALSE(json.contains("runtime"));
+  EXPECT_FALSE(json.contains("vocabulary_release"));
+  EXPECT_EQ(CodeOf(json), ErrorCode::kOk);
 }
 
 TEST(Manifest, PathsStayInsideTheBundle) {

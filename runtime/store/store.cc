@@ -1,0 +1,183 @@
+#include "runtime/store/store.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <set>
+
+#include "common/base/log.h"
+#include "common/io/atomic_file.h"
+#include "common/sign/utc_time.h"
+#include "runtime/store/acceptance.h"
+
+namespace panofix {
+namespace {
+
+namespace fs = std::filesystem;
+
+Status CheckRing(const KeyRing& ring, const std::string& what) {
+  const bool has_key = std::any_of(ring.trusted.begin(), ring.trusted.end(), [&](const auto& key) {
+    return !ring.IsRevoked(KeyIdText(key.id));
+  });
+  if (has_key) return {};
+  return {ErrorCode::kInvalidArgument,
+          what + ": leaves no trusted key; trust another one first (panofix-runtime trust)"};
+}
+
+}  // namespace
+
+Result<StoreLock> StoreLock::Take(const StoreLayout& layout) {
+  StoreLock lock;
+  lock.fd_ = UniqueFd(::open(layout.lock().c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
+  if (!lock.fd_.valid()) {
+    return Status(errno == ENOENT ? ErrorCode::kNotFound : ErrorCode::kIo,
+                  layout.root.string() + ": is no store that this user may change (" +
+                      std::strerror(errno) + "); make one with panofix-runtime init --store");
+  }
+  if (::flock(lock.fd_.get(), LOCK_EX | LOCK_NB) != 0) {
+    return Status(ErrorCode::kTryAgain, layout.root.string() +
+                                            ": another process is changing this store; wait for "
+                                            "it and run again");
+  }
+  return lock;
+}
+
+Status InitStore(const StoreLayout& layout, const StoreConfig& config, const KeyRing& keys) {
+  if (config.map_name.empty())
+    return {ErrorCode::kInvalidArgument, "--map is empty; name the map that this vehicle takes"};
+  Status status = config.camera.Check();
+  if (status.ok()) status = CheckRing(keys, "--key");
+  if (!status.ok()) return status;
+  if (fs::exists(layout.config())) {
+    return {ErrorCode::kInvalidArgument,
+            layout.root.string() + ": is a store already; use it, or name another folder"};
+  }
+  for (const fs::path& folder :
+       {layout.root, layout.objects(), layout.versions(), layout.staging(), layout.downloads()}) {
+    status = MakeDirectories(folder, "--store");
+    if (!status.ok()) return status;
+  }
+  // Last what makes it a store.
+  status = WriteStoreKeys(layout, {keys, std::vector<std::string>(keys.trusted.size())});
+  return status.ok() ? WriteStoreConfig(layout, config) : status;
+}
+
+Status TrustKey(const StoreLayout& layout, const std::string& key_text,
+                const std::string& signature_text, const std::string& name) {
+  const auto lock = StoreLock::Take(layout);
+  if (!lock.ok()) return lock.status();
+  auto keys = ReadStoreKeys(layout);
+  if (!keys.ok()) return keys.status();
+  std::string endorsed_by;
+  auto key = ParsePublicKey(key_text, name);
+  if (!signature_text.empty()) {
+    key = VerifyEndorsement(keys->ring, key_text, signature_text, name);
+    const auto signature = ParseSignature(signature_text, name);
+    if (signature.ok()) endorsed_by = KeyIdText(signature->key_id);
+  }
+  if (!key.ok()) return key.status();
+  if (keys->ring.IsRevoked(KeyIdText(key->id))) {
+    return {ErrorCode::kKeyRevoked,
+            name + ": key " + KeyIdText(key->id) + " was revoked here; make a new key"};
+  }
+  for (const PublicKey& known : keys->ring.trusted) {
+    if (known.id == key->id) {
+      if (known == *key) return {};
+      return {ErrorCode::kUntrusted, name +
+                                         ": another key of the same id is trusted already; make "
+                                         "a new key"};
+    }
+  }
+  keys->ring.trusted.push_back(*key);
+  keys->endorsed_by.push_back(endorsed_by);
+  return WriteStoreKeys(layout, *keys);
+}
+
+Status RevokeKey(const StoreLayout& layout, const std::string& key_id) {
+  const auto lock = StoreLock::Take(layout);
+  if (!lock.ok()) return lock.status();
+  auto keys = ReadStoreKeys(layout);
+  if (!keys.ok()) return keys.status();
+  if (key_id.size() != 16 || key_id.find_first_not_of("0123456789ABCDEF") != std::string::npos) {
+    return {ErrorCode::kInvalidArgument,
+            key_id + ": is no key id; give its 16 upper-case hex digits, see panofix-runtime list"};
+  }
+  if (keys->ring.IsRevoked(key_id)) return {};
+  keys->ring.revoked.push_back(key_id);
+  const Status status = CheckRing(keys->ring, "revoking " + key_id);
+  return status.ok() ? WriteStoreKeys(layout, *keys) : status;
+}
+
+Result<SignedManifest> ReadVersion(const StoreLayout& layout, const std::string& id) {
+  const auto keys = ReadStoreKeys(layout);
+  if (!keys.ok()) return keys.status();
+  if (!IsSha256(id) || !fs::is_directory(layout.version(id))) {
+    return Status(ErrorCode::kNotFound, layout.root.string() + ": no version " + id +
+                                            " is installed; see panofix-runtime list --store");
+  }
+  auto manifest = ReadSignedManifest(layout.version(id), keys->ring);
+  if (manifest.ok() && manifest->id != id) {
+    return Status(ErrorCode::kChecksumMismatch, layout.version(id).string() +
+                                                    ": holds another bundle; mend it with "
+                                                    "panofix-runtime fsck --repair");
+  }
+  return manifest;
+}
+
+Result<std::vector<StoreVersion>> ListVersions(const StoreLayout& layout) {
+  std::vector<StoreVersion> versions;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(layout.versions(), error)) {
+    StoreVersion version;
+    version.id = entry.path().filename().string();
+    if (!IsSha256(version.id)) continue;
+    auto manifest = ReadVersion(layout, version.id);
+    version.status = manifest.status();
+    version.manifest.manifest.build = -1;
+    if (manifest.ok()) version.manifest = std::move(*manifest);
+    versions.push_back(std::move(version));
+  }
+  if (error) {
+    return Status(ErrorCode::kNotFound, layout.root.string() + ": is no store (" + error.message() +
+                                            "); make one with panofix-runtime init --store");
+  }
+  std::sort(versions.begin(), versions.end(), [](const auto& a, const auto& b) {
+    return std::pair(a.manifest.manifest.build, a.id) < std::pair(b.manifest.manifest.build, b.id);
+  });
+  return versions;
+}
+
+Result<std::vector<std::string>> RunnableVersions(const StoreLayout& layout) {
+  const auto config = ReadStoreConfig(layout);
+  if (!config.ok()) return config.status();
+  const auto versions = ListVersions(layout);
+  if (!versions.ok()) return versions.status();
+  const auto state = ReadStoreState(layout);
+  if (!state.ok()) LogWarning(state.status().message());
+  std::vector<std::string> order, out;
+  std::set<std::string> seen;
+  if (state.ok()) order = {state->active, state->previous};
+  for (auto v = versions->rbegin(); v != versions->rend(); ++v) order.push_back(v->id);
+  Status last{ErrorCode::kNotFound,
+              layout.root.string() + ": holds no map; install one with panofix-runtime install"};
+  for (const std::string& id : order) {
+    const auto v = std::find_if(versions->begin(), versions->end(),
+                                [&](const StoreVersion& version) { return version.id == id; });
+    if (v == versions->end() || !seen.insert(id).second) continue;
+    Status status = v->status;
+    if (status.ok()) status = CheckMeantForUs(v->manifest.manifest, *config);
+    if (!status.ok()) {
+      LogWarning(Format("version %.12s is not used: ", id.c_str()) + status.message());
+      if (out.empty()) last = status;
+      continue;
+    }
+    out.push_back(id);
+  }
+  if (out.empty()) return last;
+  return out;
+}
+
+}  // namespace panofix
