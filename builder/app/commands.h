@@ -2,6 +2,7 @@
 // The builder's subcommands: each adds its options to the app and returns what to run once parsed.
 
 #include <functional>
+#include <vector>
 
 namespace CLI {
 class App;
@@ -16,6 +17,9 @@ Command AddBuildCommand(CLI::App* app);
 Command AddDepthCommand(CLI::App* app);
 Command AddInspectCommand(CLI::App* app);
 Command AddValidateCommand(CLI::App* app);
+Command AddPlanCommand(CLI::App* app);
 Command AddScoreCommand(CLI::App* app);
+// extract, augment, sample, train, words, weigh, landmarks, similarity, assemble, publish.
+std::vector<Command> AddStageCommands(CLI::App* app);
 
 }  // namespace panofix

@@ -24,6 +24,8 @@ const char* ErrorCodeName(ErrorCode code) {
       return "disk full";
     case ErrorCode::kCancelled:
       return "interrupted";
+    case ErrorCode::kTryAgain:
+      return "try again";
     case ErrorCode::kInternal:
       return "internal error";
   }
@@ -47,6 +49,8 @@ int ExitCode(ErrorCode code) {
     case ErrorCode::kIo:
     case ErrorCode::kNoSpace:
       return 74;
+    case ErrorCode::kTryAgain:
+      return 75;
     case ErrorCode::kUnsupportedVersion:
       return 76;
     case ErrorCode::kCancelled:

@@ -20,6 +20,7 @@ enum class ErrorCode {
   kChecksumMismatch,    // a file is not the one its manifest names
   kNoSpace,             // the disk is full
   kCancelled,           // the user asked to stop
+  kTryAgain,            // what is missing or failed may be there or work another time
   kInternal,            // a bug of ours
 };
 

@@ -18,6 +18,7 @@ constexpr ErrorCode kAllCodes[] = {ErrorCode::kOk,
                                    ErrorCode::kChecksumMismatch,
                                    ErrorCode::kNoSpace,
                                    ErrorCode::kCancelled,
+                                   ErrorCode::kTryAgain,
                                    ErrorCode::kInternal};
 
 TEST(Status, DefaultIsOk) {
@@ -51,6 +52,7 @@ TEST(ErrorCode, ExitCodesFollowSysexits) {
   EXPECT_EQ(ExitCode(ErrorCode::kInternal), 70);
   EXPECT_EQ(ExitCode(ErrorCode::kIo), 74);
   EXPECT_EQ(ExitCode(ErrorCode::kNoSpace), 74);
+  EXPECT_EQ(ExitCode(ErrorCode::kTryAgain), 75);
   EXPECT_EQ(ExitCode(ErrorCode::kUnsupportedVersion), 76);
   EXPECT_EQ(ExitCode(ErrorCode::kCancelled), 130);
 }
