@@ -92,14 +92,27 @@ void Group(const std::vector<PanoramaRecord>& records, BuildPlan* plan) {
     plan->tiles[tile].shards.assign(in_reach.begin(), in_reach.end());
 }
 
+// Size and time, as make and rsync look at files: content is hashed by the stage itself.
+std::string StampOf(const fs::path& path) {
+  std::error_code error;
+  const auto time = fs::last_write_time(path, error).time_since_epoch().count();
+  const auto size = error ? 0 : fs::file_size(path, error);
+  return error ? "-\n"
+               : Format("%lld %lld\n", static_cast<long long>(time), static_cast<long long>(size));
+}
+
 void WriteRecords(const WorkFolder& work, const std::vector<PanoramaRecord>& records,
                   BuildPlan* plan) {
-  std::map<std::string, std::string> lines;
-  for (const PanoramaRecord& r : records)
-    lines[Quadkey(r.position, plan->options.shard_level)] += FeatureOf(r).dump() + "\n";
+  std::map<std::string, std::string> lines, stamps;
+  for (const PanoramaRecord& r : records) {
+    const std::string shard = Quadkey(r.position, plan->options.shard_level);
+    lines[shard] += FeatureOf(r).dump() + "\n";
+    stamps[shard] += StampOf(r.image) + StampOf(r.depth) + StampOf(r.mask);
+  }
   for (const auto& [shard, text] : lines) {
     plan->shards[shard].records_sha256 = Sha256Hex(text);
     WriteIfChanged(work.records(shard), text);
+    WriteIfChanged(work.stamp(shard), Sha256Hex(text + stamps[shard]) + "\n");
   }
 }
 
@@ -108,6 +121,7 @@ Json ToJson(const BuildPlan& plan) {
   j["options"] = Json::parse(FormatOptions(plan.options));
   j["out"] = plan.options.out.string();
   j["vocabulary_sha256"] = plan.vocabulary_sha256;
+  j["data_set"] = plan.data_set;
   j["source"] = plan.source;
   j["licence"] = plan.licence;
   j["height_datum"] = plan.height_datum;
@@ -132,7 +146,7 @@ BuildPlan FromJson(const Json& j) {
   plan.options = ParseOptions(j.at("options").dump());
   plan.options.out = j.at("out").get<std::string>();
   plan.vocabulary_sha256 = j.at("vocabulary_sha256");
-  plan.source = j.at("source"), plan.licence = j.at("licence");
+  plan.data_set = j.at("data_set"), plan.source = j.at("source"), plan.licence = j.at("licence");
   plan.height_datum = j.at("height_datum");
   plan.num_stated = j.at("num_stated");
   for (const Json& entry : j.at("set_aside"))
@@ -181,13 +195,15 @@ void RefuseTooManySetAside(const BuildPlan& plan, const std::vector<SetAside>& s
   ThrowIfError(WriteFileAtomically(path, report.ToJson()));
   const SetAside& first = set_aside.front();
   throw Error(ErrorCode::kBadData,
-              Format("%lld of %lld panoramas are unusable (first: %s: %s; all in %s); mend the "
+              Format("%s: %lld of %lld panoramas are unusable (first: %s: %s; all in %s); mend the "
                      "data set or raise --max-set-aside-share",
-                     static_cast<long long>(num_bad), static_cast<long long>(plan.num_stated),
-                     first.id.c_str(), first.reason.c_str(), path.c_str()));
+                     plan.data_set.c_str(), static_cast<long long>(num_bad),
+                     static_cast<long long>(plan.num_stated), first.id.c_str(),
+                     first.reason.c_str(), path.c_str()));
 }
 
 BuildPlan MakePlan(const BuildOptions& options) {
+  (void)ValueOrThrow(ReadCameraYaml(options.camera));
   PanoramaSet set = ValueOrThrow(ReadPanoramaSet(options.panoramas));
   const std::string camera_yaml = ReadWhole(options.camera);
   const WorkFolder work(options.work);
@@ -197,6 +213,7 @@ BuildPlan MakePlan(const BuildOptions& options) {
   plan.options.vocabulary.clear();
   plan.options.out = fs::absolute(options.out).lexically_normal();
   if (plan.options.name.empty()) plan.options.name = plan.options.out.filename().string();
+  plan.data_set = fs::absolute(options.panoramas).lexically_normal().string();
   plan.source = set.source, plan.licence = set.licence, plan.height_datum = set.height_datum;
   plan.num_stated = static_cast<std::int64_t>(set.panoramas.size() + set.set_aside.size());
   CheckHeads(&set);

@@ -26,6 +26,7 @@ struct PlanTile {
 struct BuildPlan {
   BuildOptions options;           // its paths are empty but for `out`
   std::string vocabulary_sha256;  // of the release to use; empty = a vocabulary is trained
+  std::string data_set;  // its file
   std::string source, licence, height_datum;
   std::int64_t num_stated = 0;              // panoramas of the data set, good or bad
   std::vector<SetAside> set_aside;          // before anything is decoded
@@ -37,10 +38,10 @@ struct BuildPlan {
   }
 };
 
-// Reads the data set, looks at the heads of all its files, and writes plan.json with a file of
-// records a shard, the camera and the vocabulary release into the work folder. Files that would not
-// change are left alone. Throws Error: kBadData where more panoramas are unusable than
-// `max_set_aside_share`; the list is then in OUT.report.json.
+// Reads the data set, looks at the heads of all its files, and writes plan.json with files of
+// records and stamps a shard, the camera and the vocabulary release into the work folder. Files
+// that would not change are left alone. Throws Error: kBadData where more panoramas are unusable
+// than `max_set_aside_share`; the list is then in OUT.report.json.
 BuildPlan MakePlan(const BuildOptions& options);
 
 [[nodiscard]] BuildPlan ReadPlan(const WorkFolder& work);

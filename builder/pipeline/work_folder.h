@@ -39,6 +39,10 @@ class WorkFolder {
   [[nodiscard]] std::filesystem::path records(const std::string& shard) const {
     return root_ / "plan" / "shards" / (shard + ".geojsonl");
   }
+  // Changes whenever a record does, or the time or size of a file that one names.
+  [[nodiscard]] std::filesystem::path stamp(const std::string& shard) const {
+    return root_ / "plan" / "shards" / (shard + ".stamp");
+  }
   [[nodiscard]] std::filesystem::path plan_report() const {
     return root_ / "reports" / "plan" / "all.json";
   }
