@@ -94,22 +94,31 @@ CONF
   echo "$SLURM_CONF"
 }
 
-lose() {
-  local node=$1 daemon pid step
-  daemon=$(cat "$folder/run/slurmd.$node.pid")
-  # Steps detach from their daemon; the log that they hold open tells whose they are.
+# Ends what a node runs. Steps detach from their daemon; the log that they hold open tells whose
+# they are.
+end_steps() {
+  local pid step
   for step in $(pgrep -x slurmstepd || true); do
-    ls -l "/proc/$step/fd" 2>/dev/null | grep -q "$folder/log/slurmd.$node.log" || continue
+    ls -l "/proc/$step/fd" 2>/dev/null | grep -q "$folder/log/slurmd.$1.log" || continue
     for pid in $(descendants "$step") "$step"; do kill -KILL "$pid" 2>/dev/null || true; done
   done
-  kill -KILL "$daemon"
+}
+
+lose() {
+  kill -KILL "$(cat "$folder/run/slurmd.$1.pid")"
+  end_steps "$1"
 }
 
 stop() {
-  local file
-  for file in "$folder"/run/slurmd.*.pid "$folder/run/slurmctld.pid" "$folder/munge/munged.pid"; do
+  local file node
+  for file in "$folder/run/slurmctld.pid" "$folder"/run/slurmd.*.pid; do
     end_process "$file" TERM
   done
+  for file in "$folder"/log/slurmd.n*.log; do
+    node=$(basename "$file" .log)
+    end_steps "${node#slurmd.}"
+  done
+  end_process "$folder/munge/munged.pid" TERM
 }
 
 case $command in
