@@ -83,7 +83,7 @@ KeyParts KeyOf(const Neighbourhood& around, const std::vector<ExtractedPanorama>
     // The content key holds the extraction's options too. Ranks are part of it: of equally near
     // sources the first is taken.
     key.Add(member.record.id, Format("%zu ", i) + member.content_key);
-    key.Add("place of " + member.record.id,
+    key.Add(member.record.id + kPlaceOf,
             Format("%.6f %.6f %.6f %.9f %.9f %.9f %.9f", pose.translation.x(), pose.translation.y(),
                    pose.translation.z(), pose.rotation.x(), pose.rotation.y(), pose.rotation.z(),
                    pose.rotation.w()));

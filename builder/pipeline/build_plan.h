@@ -26,7 +26,7 @@ struct PlanTile {
 struct BuildPlan {
   BuildOptions options;           // its paths are empty but for `out`
   std::string vocabulary_sha256;  // of the release to use; empty = a vocabulary is trained
-  std::string data_set;  // its file
+  std::string data_set;           // its file
   std::string source, licence, height_datum;
   std::int64_t num_stated = 0;              // panoramas of the data set, good or bad
   std::vector<SetAside> set_aside;          // before anything is decoded

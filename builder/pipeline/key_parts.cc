@@ -25,18 +25,21 @@ std::string KeyParts::Hex() const {
 
 std::string WhyDifferent(const PartDigests& before, const PartDigests& now) {
   constexpr std::size_t kMostNamed = 3;
-  std::vector<std::string> reasons;
+  // What came or went is the cause; what changed beside it is often its consequence.
+  std::vector<std::string> reasons, changed;
+  const auto says_more = [](const std::string& name) { return !name.ends_with(kPlaceOf); };
+  for (const auto& [name, digest] : before) {
+    if (!now.contains(name) && says_more(name)) reasons.push_back(name + " is gone");
+  }
   for (const auto& [name, digest] : now) {
     const auto found = before.find(name);
     if (found == before.end()) {
-      reasons.push_back(name + " is new");
+      if (says_more(name)) reasons.push_back(name + " is new");
     } else if (found->second != digest) {
-      reasons.push_back(name);
+      changed.push_back(name);
     }
   }
-  for (const auto& [name, digest] : before) {
-    if (!now.contains(name)) reasons.push_back(name + " is gone");
-  }
+  reasons.insert(reasons.end(), changed.begin(), changed.end());
   std::string text;
   for (std::size_t i = 0; i < reasons.size() && i < kMostNamed; ++i)
     text += (i == 0 ? "" : ", ") + reasons[i];

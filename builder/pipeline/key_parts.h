@@ -25,8 +25,11 @@ class KeyParts {
   std::map<std::string, std::string> values_;
 };
 
+// Ends the name of a part that says where a panorama stands: "pano-3's place".
+inline constexpr char kPlaceOf[] = "'s place";
+
 // Why what `before` decided is not what `now` decides, in a few words: "image", "pano-3 is new",
-// "options, pano-7 is gone". Empty where all parts are equal.
+// "pano-7 is gone, options". Empty where all parts are equal.
 [[nodiscard]] std::string WhyDifferent(const PartDigests& before, const PartDigests& now);
 
 }  // namespace panofix

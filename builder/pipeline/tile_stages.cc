@@ -123,7 +123,7 @@ KeyParts TileKey(const BuildContext& context, const TileRegion& t,
     const ExtractedPanorama& p = t.region.panoramas[m];
     key.Add(p.record.id, (is_own ? "own " : "halo ") + p.content_key + " " + t.station_keys[m] +
                              " " + (is_own ? t.words_keys[m] : std::string()));
-    key.Add("place of " + p.record.id, PoseText(t.content.panoramas[m]));
+    key.Add(p.record.id + kPlaceOf, PoseText(t.content.panoramas[m]));
   }
   return key;
 }

@@ -44,10 +44,15 @@ TEST(WhyDifferent, NamesWhatChangedCameAndWent) {
   EXPECT_EQ(WhyDifferent(before, Key({{"image", "2"}, {"mask", "-"}, {"pano-2", "x"}}).digests()),
             "image");
   EXPECT_EQ(WhyDifferent(before, Key({{"image", "2"}, {"mask", "-"}, {"pano-3", "x"}}).digests()),
-            "image, pano-3 is new, pano-2 is gone");
+            "pano-2 is gone, pano-3 is new, image");
   EXPECT_EQ(
       WhyDifferent({}, Key({{"a", ""}, {"b", ""}, {"c", ""}, {"d", ""}, {"e", ""}}).digests()),
       "a is new, b is new, c is new and 2 more");
+  // A place comes and goes with its panorama; that it moved is news.
+  const PartDigests placed = Key({{"p", "1"}, {"p's place", "1"}}).digests();
+  EXPECT_EQ(WhyDifferent({}, placed), "p is new");
+  EXPECT_EQ(WhyDifferent(placed, {}), "p is gone");
+  EXPECT_EQ(WhyDifferent(placed, Key({{"p", "1"}, {"p's place", "2"}}).digests()), "p's place");
 }
 
 }  // namespace
