@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <set>
 
+#include "builder/pipeline/attempt.h"
 #include "builder/pipeline/placement.h"
 #include "builder/pipeline/source_cache.h"
 #include "common/base/cancel.h"
@@ -144,6 +145,10 @@ AugmentStageResult AugmentStage(const std::vector<ExtractedPanorama>& panoramas,
             result.parts[i] = key.digests();
             const fs::path file = work.Content("stations", result.keys[i]);
             if (!fs::exists(file) || !ReadPanoramaFeatures(file).ok()) {
+              const std::string& id = panoramas[own[i]].record.id;
+              const Attempt attempt(work, Stage::kAugment, id, result.keys[i]);
+              if (attempt.IsHopeless())
+                throw Error(ErrorCode::kBadData, "stations of " + id + ": " + attempt.Reason());
               const std::vector<Station> rendered(around.stations.begin() + 1,
                                                   around.stations.end());
               WritePanoramaFeatures(

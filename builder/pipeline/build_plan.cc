@@ -9,6 +9,7 @@
 
 #include "builder/pipeline/landmark_stage.h"
 #include "builder/pipeline/reach.h"
+#include "builder/pipeline/release.h"
 #include "builder/pipeline/run_report.h"
 #include "builder/tiling/quadkey.h"
 #include "common/base/log.h"
@@ -16,7 +17,6 @@
 #include "common/image/gray_image.h"
 #include "common/io/atomic_file.h"
 #include "common/io/sha256.h"
-#include "common/map/vocabulary_file.h"
 
 namespace panofix {
 namespace {
@@ -163,23 +163,16 @@ BuildPlan FromJson(const Json& j) {
 }
 
 // The release, checked, into the work folder: later stages see the very bytes.
-void TakeRelease(const fs::path& given, const WorkFolder& work, BuildPlan* plan) {
-  if (given.empty()) {
+void TakeRelease(const BuildOptions& options, const WorkFolder& work, BuildPlan* plan) {
+  if (options.vocabulary.empty()) {
     std::error_code ignored;
     fs::remove(work.release(), ignored);
     return;
   }
-  const fs::path file = fs::is_directory(given) ? given / "vocabulary.h5" : given;
-  const std::string bytes = ReadWhole(file);
-  WriteIfChanged(work.release(), bytes);
-  plan->vocabulary_sha256 = Sha256Hex(bytes);
-  const auto reader = Hdf5Reader::Open(work.release());
-  const auto vocabulary = reader.ok() ? ReadVocabulary(*reader) : reader.status();
-  if (!vocabulary.ok()) {
-    throw Error(ErrorCode::kBadData, file.string() + ": no vocabulary release (" +
-                                         vocabulary.status().message() +
-                                         "); name a vocabulary.h5 or a bundle for --vocabulary");
-  }
+  const VocabularyRelease release =
+      ReadRelease(options.vocabulary, options.extract.features.root_sift);
+  WriteIfChanged(work.release(), release.bytes);
+  plan->vocabulary_sha256 = release.sha256;
 }
 
 }  // namespace
@@ -222,7 +215,7 @@ BuildPlan MakePlan(const BuildOptions& options) {
   Group(set.panoramas, &plan);
   ThrowIfError(MakeDirectories(work.root() / "plan", "--work"));
   WriteIfChanged(work.camera(), camera_yaml);
-  TakeRelease(options.vocabulary, work, &plan);
+  TakeRelease(options, work, &plan);
   WriteRecords(work, set.panoramas, &plan);
   WriteIfChanged(work.plan(), ToJson(plan).dump(1) + "\n");
   return plan;

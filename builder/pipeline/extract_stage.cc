@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include "builder/pipeline/attempt.h"
 #include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/io/sha256.h"
@@ -44,6 +45,11 @@ Outcome ProcessOne(const PanoramaRecord& record, const Rectifier& rectifier,
     outcome.reused = features.ok();
   }
   if (!features.ok()) {
+    const Attempt attempt(work, Stage::kExtract, record.id, outcome.panorama.content_key);
+    if (attempt.IsHopeless()) {
+      outcome.failure = Status(ErrorCode::kBadData, attempt.Reason());
+      return outcome;
+    }
     features = ExtractPanorama(record, rectifier, options);
     if (!features.ok()) {
       outcome.failure = features.status();
@@ -94,14 +100,23 @@ ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records,
                                 const Rectifier& rectifier, const ExtractOptions& options,
                                 const WorkFolder& work, Progress* progress) {
   std::vector<Outcome> outcomes(records.size());
+  const auto process = [&](std::size_t i) {
+    if (CancelRequested()) return;
+    outcomes[i] = ProcessOne(records[i], rectifier, options, work);
+    if (progress != nullptr) progress->Add();
+  };
+  std::vector<std::size_t> others;
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    if (Attempt::IsSuspect(work, Stage::kExtract, records[i].id)) {
+      process(i);
+    } else {
+      others.push_back(i);
+    }
+  }
   tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, records.size(), 1),
+      tbb::blocked_range<std::size_t>(0, others.size(), 1),
       [&](const auto& range) {
-        for (std::size_t i = range.begin(); i < range.end(); ++i) {
-          if (CancelRequested()) return;
-          outcomes[i] = ProcessOne(records[i], rectifier, options, work);
-          if (progress != nullptr) progress->Add();
-        }
+        for (std::size_t k = range.begin(); k < range.end(); ++k) process(others[k]);
       },
       tbb::simple_partitioner());
   StopIfCancelled();

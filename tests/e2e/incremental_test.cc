@@ -150,6 +150,27 @@ TEST_F(IncrementalBuild, ARemovedPanoramaDisappears) {
   EXPECT_NE(tiles[0]["why"].get<std::string>().find("is gone"), std::string::npos);
 }
 
+TEST_F(IncrementalBuild, AReleaseSaysWhatItIs) {
+  const fs::path release = data_->root() / "first" / "vocabulary.h5";
+  const Outcome outcome = Builder({"inspect", release.string(), "--json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.errors;
+  const Json j = Json::parse(outcome.output);
+  EXPECT_EQ(j["sift"]["num_words"], 500);
+  EXPECT_EQ(j["mser"]["num_words"], 200);
+  EXPECT_GT(j["typical_share"].get<double>(), j["mean_share"].get<double>());
+  EXPECT_LT(j["typical_share"].get<double>(), 1.0);
+  const Json report = ReadJson(data_->root() / "first.report.json");
+  EXPECT_EQ(report["vocabulary_release"], j["name"]);
+  EXPECT_NEAR(report["saturation"]["typical_share"].get<double>(), j["typical_share"].get<double>(),
+              1e-5);
+  EXPECT_EQ(Builder({"inspect", (data_->town() / "camera.yaml").string()}).exit_code, 65);
+  // Words of other descriptors would say nothing.
+  const Outcome other =
+      data_->Build(data_->panoramas(), data_->root() / "plain",
+                   {"--plain-sift", "--vocabulary", (data_->root() / "first").string()});
+  EXPECT_EQ(other.exit_code, 64) << other.errors;
+}
+
 // The frame's origin moves with the data; tiles do not know it.
 TEST_F(IncrementalBuild, AStreetMoreLeavesEveryTileAsItWas) {
   Json set = city_;
