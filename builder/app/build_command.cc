@@ -1,5 +1,6 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <functional>
 #include <memory>
 
 #include "builder/app/commands.h"
@@ -30,13 +31,11 @@ void ApplyPaperPreset(const CLI::App& command, BuildOptions* o) {
   preset("--keep-view-images", true, &o->keep_view_images);
 }
 
-}  // namespace
-
-Command AddBuildCommand(CLI::App* app) {
+// Options of `build` and `plan`; the function returned makes them whole once they are parsed.
+std::function<BuildOptions()> AddBuildOptions(CLI::App* command) {
   auto o = std::make_shared<BuildOptions>();
   auto preset = std::make_shared<std::string>("default");
   auto equalization = std::make_shared<std::string>();
-  CLI::App* command = app->add_subcommand("build", "Build a map bundle from panoramas");
   command->add_option("--panoramas", o->panoramas, "panoramas.geojson or .geojsonl")->required();
   command->add_option("--camera", o->camera, "camera.yaml of the vehicle's camera")->required();
   command
@@ -88,6 +87,9 @@ Command AddBuildCommand(CLI::App* app) {
                     "four bits an entry of a descriptor instead of eight (default on)");
   command->add_flag("--keep-view-images,!--no-view-images", o->keep_view_images,
                     "keep the views' pictures, which the runtime's kVLD needs (default off)");
+  command->add_option(
+      "--vocabulary", o->vocabulary,
+      "a vocabulary release to use, vocabulary.h5 or a bundle (default: train one)");
   command->add_option("--max-words", o->max_words, "heaviest words kept of a view; 0 = all")
       ->capture_default_str();
   command->add_option("--sift-words", o->num_sift_words, "visual words of SIFT features")
@@ -118,6 +120,10 @@ Command AddBuildCommand(CLI::App* app) {
       ->add_option("--max-set-aside-share", o->max_set_aside_share,
                    "more unusable panoramas than this fail the build")
       ->capture_default_str();
+  command
+      ->add_option("--shard-level", o->shard_level,
+                   "quadkey level of the shards: 15 = some 800 m a side; changes no byte")
+      ->capture_default_str();
   command->add_option("--threads", o->num_threads, "processors to use; 0 = all")
       ->capture_default_str();
   command->add_option("--seed", o->seed, "seed of the training; same inputs, same bytes")
@@ -133,10 +139,35 @@ Command AddBuildCommand(CLI::App* app) {
       o->extract.features.equalization = ValueOrThrow(ParseEqualization(*equalization));
     // "map/" is "map": what lies beside the bundle (its work folder, its report) takes its name.
     if (!o->out.has_filename()) o->out = o->out.parent_path();
-    const RunReport report = Build(*o);
+    return *o;
+  };
+}
+
+}  // namespace
+
+Command AddBuildCommand(CLI::App* app) {
+  CLI::App* command = app->add_subcommand("build", "Build a map bundle from panoramas");
+  const auto options_of = AddBuildOptions(command);
+  return [=] {
+    const BuildOptions options = options_of();
+    const RunReport report = Build(options);
     std::fputs(report.ToTable().c_str(), stdout);
-    std::printf("bundle %s is ready; see it with: panofix-builder inspect %s\n", o->out.c_str(),
-                o->out.c_str());
+    std::printf("bundle %s is ready; see it with: panofix-builder inspect %s\n",
+                options.out.c_str(), options.out.c_str());
+    return 0;
+  };
+}
+
+Command AddPlanCommand(CLI::App* app) {
+  CLI::App* command = app->add_subcommand(
+      "plan", "Plan a build whose stages run as programs of their own: the first stage");
+  const auto options_of = AddBuildOptions(command);
+  return [=] {
+    BuildOptions options = options_of();
+    if (options.work.empty()) options.work = options.out.string() + ".work";
+    const ThreadLimit threads(options.num_threads);
+    PlanBuild(options);
+    std::fputs(DescribePlan(options.work).c_str(), stdout);
     return 0;
   };
 }

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "builder/app/commands.h"
+#include "builder/pipeline/release.h"
 #include "builder/validate/birds_eye.h"
 #include "builder/validate/inspect.h"
 #include "builder/validate/replay.h"
@@ -91,10 +92,14 @@ Command AddInspectCommand(CLI::App* app) {
   };
   auto o = std::make_shared<Options>();
   CLI::App* command = app->add_subcommand(
-      "inspect", "Say what a bundle is: versions, provenance, counts, size, coverage");
-  command->add_option("bundle", o->bundle, "the bundle's folder")->required();
+      "inspect", "Say what a bundle or a vocabulary release is: versions, counts, size, coverage");
+  command->add_option("bundle", o->bundle, "the bundle's folder, or a vocabulary.h5")->required();
   command->add_flag("--json", o->json, "as JSON");
   return [=] {
+    if (fs::is_regular_file(o->bundle)) {
+      std::fputs(DescribeRelease(o->bundle, o->json).c_str(), stdout);
+      return 0;
+    }
     const auto bundle = ValueOrThrow(MapBundle::Open(o->bundle));
     std::fputs((o->json ? InspectJson(*bundle) : InspectText(*bundle)).c_str(), stdout);
     return 0;

@@ -22,8 +22,12 @@ Examples:
   panofix-builder sign map --key map.key --expires-days 30
   panofix-builder delta map-41 map-42 --out city-41-42.pfb
 
+A build by stages, each a program, for builds that outgrow a machine (jobs/README.md):
+  panofix-builder plan --panoramas panoramas.geojson --camera camera.yaml --out map
+  panofix-builder extract --work map.work --shard 120220013310321
+
 Exit codes: 0 done, 1 the quality gate does not hold, 64 wrong use, 65 bad data, 66 not found,
-74 disk, 76 bundle format not readable, 130 interrupted (run the same build again to resume).)";
+74 disk, 75 a stage that may succeed another time, 76 bundle format not readable, 130 interrupted (run the same build again to resume).)";
 
 int Dispatch(int argc, char** argv) {
   CLI::App app("panofix-builder: map bundles from street panoramas");
@@ -33,12 +37,15 @@ int Dispatch(int argc, char** argv) {
   std::string log_level = "info";
   app.add_option("--log-level", log_level, "debug, info, warning, error or off")
       ->capture_default_str();
-  const panofix::Command commands[] = {
+  std::vector<panofix::Command> commands = {
       panofix::AddBuildCommand(&app),    panofix::AddInspectCommand(&app),
       panofix::AddValidateCommand(&app), panofix::AddScoreCommand(&app),
-      panofix::AddDepthCommand(&app),    panofix::AddKeygenCommand(&app),
-      panofix::AddEndorseCommand(&app),  panofix::AddSignCommand(&app),
-      panofix::AddDeltaCommand(&app),    panofix::AddPackCommand(&app)};
+      panofix::AddDepthCommand(&app),    panofix::AddPlanCommand(&app),
+      panofix::AddKeygenCommand(&app),   panofix::AddEndorseCommand(&app),
+      panofix::AddSignCommand(&app),     panofix::AddDeltaCommand(&app),
+      panofix::AddPackCommand(&app)};
+  for (panofix::Command& stage : panofix::AddStageCommands(&app))
+    commands.push_back(std::move(stage));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

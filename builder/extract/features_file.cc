@@ -1,10 +1,7 @@
 // The per-panorama file of extracted features: HDF5, described in schemas/work_files.md.
 #include "builder/extract/panorama_features.h"
 #include "common/base/log.h"
-#include "common/io/atomic_file.h"
 #include "common/io/hdf5_file.h"
-
-#include <unistd.h>
 
 #include <algorithm>
 
@@ -44,44 +41,34 @@ void WriteSet(Hdf5Writer* file, const std::string& group, const FeatureSet& set)
 }  // namespace
 
 void WritePanoramaFeatures(const std::filesystem::path& path, const PanoramaFeatures& features) {
-  // Two builds may share a work folder; each writes its own temporary.
-  const std::filesystem::path aside = path.string() + Format(".%d.tmp", static_cast<int>(getpid()));
-  {
-    Hdf5Writer file(aside);
-    file.WriteAttribute("has_depth", features.has_depth ? 1 : 0);
-    file.WriteAttribute("depth_fault", features.depth_fault);
-    file.WriteAttribute("num_views", static_cast<std::int64_t>(features.views.size()));
-    std::vector<float> planes;
-    for (const DepthPlane& plane : features.planes) {
-      const Eigen::Vector3f& n = plane.normal_in_pano;
-      planes.insert(planes.end(), {n.x(), n.y(), n.z(), plane.d_m});
-    }
-    file.Write<float>("planes", planes, 4);
-    file.WriteStrings("sources", features.sources);
-    for (std::size_t v = 0; v < features.views.size(); ++v) {
-      const std::string group = Format("view%03zu", v);
-      WriteSet(&file, group + "/sift", features.views[v].sift);
-      WriteSet(&file, group + "/mser", features.views[v].mser);
-      std::vector<float> points;
-      std::vector<std::uint8_t> surfaces, sources;
-      for (const SurfacePoint& p : features.views[v].points) {
-        points.insert(points.end(), {p.point_in_pano.x(), p.point_in_pano.y(), p.point_in_pano.z(),
-                                     p.range_sigma_m});
-        surfaces.push_back(p.surface_idx);
-        sources.push_back(p.source_idx);
-      }
-      file.Write<std::uint8_t>(group + "/surfaces", surfaces);
-      file.Write<std::uint8_t>(group + "/sources", sources);
-      file.Write<float>(group + "/points", points, 4);
-    }
-    file.Close();
+  Hdf5Writer file(path);
+  file.WriteAttribute("has_depth", features.has_depth ? 1 : 0);
+  file.WriteAttribute("depth_fault", features.depth_fault);
+  file.WriteAttribute("num_views", static_cast<std::int64_t>(features.views.size()));
+  std::vector<float> planes;
+  for (const DepthPlane& plane : features.planes) {
+    const Eigen::Vector3f& n = plane.normal_in_pano;
+    planes.insert(planes.end(), {n.x(), n.y(), n.z(), plane.d_m});
   }
-  ThrowIfError(SyncPath(aside));
-  std::error_code error;
-  std::filesystem::rename(aside, path, error);
-  if (error)
-    throw Error(ErrorCode::kIo,
-                path.string() + ": cannot be renamed into place: " + error.message());
+  file.Write<float>("planes", planes, 4);
+  file.WriteStrings("sources", features.sources);
+  for (std::size_t v = 0; v < features.views.size(); ++v) {
+    const std::string group = Format("view%03zu", v);
+    WriteSet(&file, group + "/sift", features.views[v].sift);
+    WriteSet(&file, group + "/mser", features.views[v].mser);
+    std::vector<float> points;
+    std::vector<std::uint8_t> surfaces, sources;
+    for (const SurfacePoint& p : features.views[v].points) {
+      points.insert(points.end(), {p.point_in_pano.x(), p.point_in_pano.y(), p.point_in_pano.z(),
+                                   p.range_sigma_m});
+      surfaces.push_back(p.surface_idx);
+      sources.push_back(p.source_idx);
+    }
+    file.Write<std::uint8_t>(group + "/surfaces", surfaces);
+    file.Write<std::uint8_t>(group + "/sources", sources);
+    file.Write<float>(group + "/points", points, 4);
+  }
+  file.Close();
 }
 
 Result<PanoramaFeatures> ReadPanoramaFeatures(const std::filesystem::path& path) {

@@ -5,13 +5,11 @@
 #include <algorithm>
 #include <set>
 
+#include "builder/pipeline/attempt.h"
 #include "builder/pipeline/placement.h"
 #include "builder/pipeline/source_cache.h"
 #include "common/base/cancel.h"
 #include "common/base/log.h"
-#include "common/base/progress.h"
-#include "common/io/atomic_file.h"
-#include "common/io/sha256.h"
 
 namespace panofix {
 namespace {
@@ -62,28 +60,36 @@ Neighbourhood NeighbourhoodOf(std::uint32_t centre, const std::vector<ExtractedP
   return result;
 }
 
-std::string KeyOf(const Neighbourhood& around, const std::vector<ExtractedPanorama>& panoramas,
-                  const Rectifier& rectifier, const StationExtractOptions& options) {
-  Sha256 hash;
-  hash.Update(Format("augment %d\n", kAugmentVersion));
+KeyParts KeyOf(const Neighbourhood& around, const std::vector<ExtractedPanorama>& panoramas,
+               const Rectifier& rectifier, const StationExtractOptions& options) {
+  KeyParts key;
+  key.Add("program", Format("augment %d", kAugmentVersion));
   const RenderOptions& r = options.render;
-  hash.Update(Format("%.17g %.17g %.17g %.17g %d %.17g %d %.17g\n", r.max_stretch, r.good_stretch,
-                     r.max_incidence_deg, r.max_range_m, options.max_sift, options.max_distance_m,
-                     options.max_sources, options.min_coverage));
-  hash.Update(ToCameraYaml(rectifier.camera(), "view"));
+  key.Add("options", Format("%.17g %.17g %.17g %.17g %d %.17g %d %.17g\n", r.max_stretch,
+                            r.good_stretch, r.max_incidence_deg, r.max_range_m, options.max_sift,
+                            options.max_distance_m, options.max_sources, options.min_coverage));
+  std::string views = ToCameraYaml(rectifier.camera(), "view");
+  for (const ViewDirection& d : rectifier.directions())
+    views += Format("%.17g %.17g\n", d.yaw_deg, d.pitch_deg);
+  key.Add("camera and views", views);
+  std::string stations;
   for (const Station& s : around.stations) {
-    hash.Update(Format("%.6f %.6f %.6f\n", s.position_in_pano.x(), s.position_in_pano.y(),
-                       s.position_in_pano.z()));
+    stations += Format("%.6f %.6f %.6f\n", s.position_in_pano.x(), s.position_in_pano.y(),
+                       s.position_in_pano.z());
   }
+  key.Add("stations", stations);
   for (std::size_t i = 0; i < around.members.size(); ++i) {
     const Rigid3& pose = around.placed[i].map_from_pano;
-    // The content key holds the extraction's options too.
-    hash.Update(panoramas[around.members[i]].content_key +
-                Format(" %.6f %.6f %.6f %.9f %.9f %.9f %.9f\n", pose.translation.x(),
-                       pose.translation.y(), pose.translation.z(), pose.rotation.x(),
-                       pose.rotation.y(), pose.rotation.z(), pose.rotation.w()));
+    const ExtractedPanorama& member = panoramas[around.members[i]];
+    // The content key holds the extraction's options too. Ranks are part of it: of equally near
+    // sources the first is taken.
+    key.Add(member.record.id, Format("%zu ", i) + member.content_key);
+    key.Add(member.record.id + kPlaceOf,
+            Format("%.6f %.6f %.6f %.9f %.9f %.9f %.9f", pose.translation.x(), pose.translation.y(),
+                   pose.translation.z(), pose.rotation.x(), pose.rotation.y(), pose.rotation.z(),
+                   pose.rotation.w()));
   }
-  return hash.FinishHex();
+  return key;
 }
 
 std::vector<StationSource> SourcesOf(const Neighbourhood& around,
@@ -110,51 +116,55 @@ std::vector<StationSource> SourcesOf(const Neighbourhood& around,
 }  // namespace
 
 AugmentStageResult AugmentStage(const std::vector<ExtractedPanorama>& panoramas,
-                                const Rectifier& rectifier, const StationOptions& station_options,
-                                const StationExtractOptions& options, const fs::path& work) {
+                                const std::vector<std::uint32_t>& own, const Rectifier& rectifier,
+                                const StationOptions& station_options,
+                                const StationExtractOptions& options, const WorkFolder& work,
+                                Progress* progress) {
   AugmentStageResult result;
-  result.stations.resize(panoramas.size());
-  result.files.resize(panoramas.size());
-  for (std::uint32_t p = 0; p < panoramas.size(); ++p)
-    result.stations[p] = {{p, Eigen::Vector3d::Zero()}};
-  if (station_options.spacing_m <= 0 || panoramas.empty()) return result;
+  result.stations.resize(own.size());
+  result.keys.resize(own.size());
+  result.parts.resize(own.size());
+  for (std::size_t i = 0; i < own.size(); ++i)
+    result.stations[i] = {{own[i], Eigen::Vector3d::Zero()}};
+  if (station_options.spacing_m <= 0 || own.empty()) return result;
 
-  const fs::path folder = work / "stations";
-  ThrowIfError(MakeDirectories(folder, "--work"));
   const auto links = LinksOf(panoramas);
   SourceCache cache(rectifier.camera());
-  std::vector<char> reused(panoramas.size(), 0);
-  Progress progress("augment", static_cast<std::int64_t>(panoramas.size()), "panoramas");
+  std::vector<std::uint64_t> num_bytes(own.size(), 0);
   tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, panoramas.size(), 1),
+      tbb::blocked_range<std::size_t>(0, own.size(), 1),
       [&](const auto& range) {
-        for (std::size_t p = range.begin(); p < range.end(); ++p) {
+        for (std::size_t i = range.begin(); i < range.end(); ++i) {
           if (CancelRequested()) return;
-          Neighbourhood around =
-              NeighbourhoodOf(static_cast<std::uint32_t>(p), panoramas, links, station_options);
-          for (Station& s : around.stations) s.panorama_idx = static_cast<std::uint32_t>(p);
-          result.stations[p] = around.stations;
+          Neighbourhood around = NeighbourhoodOf(own[i], panoramas, links, station_options);
+          for (Station& s : around.stations) s.panorama_idx = own[i];
+          result.stations[i] = around.stations;
           if (around.stations.size() > 1) {
-            result.files[p] = folder / (KeyOf(around, panoramas, rectifier, options) + ".h5");
-            reused[p] = fs::exists(result.files[p]) && ReadPanoramaFeatures(result.files[p]).ok();
-            if (!reused[p]) {
+            const KeyParts key = KeyOf(around, panoramas, rectifier, options);
+            result.keys[i] = key.Hex();
+            result.parts[i] = key.digests();
+            const fs::path file = work.Content("stations", result.keys[i]);
+            if (!fs::exists(file) || !ReadPanoramaFeatures(file).ok()) {
+              const std::string& id = panoramas[own[i]].record.id;
+              const Attempt attempt(work, Stage::kAugment, id, result.keys[i]);
+              if (attempt.IsHopeless())
+                throw Error(ErrorCode::kBadData, "stations of " + id + ": " + attempt.Reason());
               const std::vector<Station> rendered(around.stations.begin() + 1,
                                                   around.stations.end());
               WritePanoramaFeatures(
-                  result.files[p],
-                  ExtractStations(rendered, SourcesOf(around, panoramas, options, &cache),
-                                  rectifier.camera(), rectifier.directions(), options));
+                  file, ExtractStations(rendered, SourcesOf(around, panoramas, options, &cache),
+                                        rectifier.camera(), rectifier.directions(), options));
+              num_bytes[i] = fs::file_size(file);
             }
           }
-          progress.Add();
+          if (progress != nullptr) progress->Add();
         }
       },
       tbb::simple_partitioner());
-  progress.Finish();
   StopIfCancelled();
-  for (std::size_t p = 0; p < panoramas.size(); ++p) {
-    result.num_stations += result.stations[p].size() - 1;
-    result.num_reused += reused[p] != 0 ? 1 : 0;
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    if (num_bytes[i] > 0) result.made.push_back(static_cast<std::uint32_t>(i));
+    result.num_bytes_written += num_bytes[i];
   }
   return result;
 }

@@ -10,19 +10,23 @@
 namespace panofix {
 
 struct AugmentStageResult {
-  // Of each panorama: its stations, the panorama itself first, and the file with the features of
-  // the others (empty where there are none).
+  // Of each panorama asked for: its stations, the panorama itself first, and the key of the file
+  // with the features of the others (empty where there are none).
   std::vector<std::vector<Station>> stations;
-  std::vector<std::filesystem::path> files;
-  std::size_t num_stations = 0, num_reused = 0;  // virtual ones; panoramas whose file was there
+  std::vector<std::string> keys;
+  std::vector<PartDigests> parts;   // what decided the keys
+  std::vector<std::uint32_t> made;  // of those asked for, the ones whose file was not there
+  std::uint64_t num_bytes_written = 0;
 };
 
-// TBB over panoramas. A panorama's stations depend on it and on panoramas near it only, so that a
+// Stations of the panoramas `own` (indices), among `panoramas` that hold all within two links of
+// them. TBB over `own`. A panorama's stations depend on it and on panoramas near it only, so that a
 // change elsewhere leaves their file as it is. Ctrl-C throws Error(kCancelled).
 [[nodiscard]] AugmentStageResult AugmentStage(const std::vector<ExtractedPanorama>& panoramas,
+                                              const std::vector<std::uint32_t>& own,
                                               const Rectifier& rectifier,
                                               const StationOptions& stations,
                                               const StationExtractOptions& options,
-                                              const std::filesystem::path& work);
+                                              const WorkFolder& work, Progress* progress);
 
 }  // namespace panofix

@@ -1,50 +1,40 @@
 #pragma once
-// The whole build on one machine: ingest, extract, augment, train, similarity, landmarks, publish.
+// The whole build in one process: the plan, every unit of every stage, and publishing.
 
-#include <filesystem>
-#include <string>
+#include <memory>
 
-#include "builder/extract/station_features.h"
-#include "builder/landmarks/landmark_layer.h"
+#include "builder/pipeline/build_options.h"
 #include "builder/pipeline/run_report.h"
-#include "builder/similarity/similarity_index.h"
-#include "common/map/manifest.h"
 
 namespace panofix {
 
-struct BuildOptions {
-  std::filesystem::path panoramas;  // panoramas.geojson or .geojsonl
-  std::filesystem::path camera;     // camera.yaml of the vehicle
-  std::filesystem::path out;  // the bundle's folder; an existing bundle is replaced in one step
-  std::filesystem::path
-      work;                // intermediate files; default: OUT.work. Kept: the next build reuses it
-  std::string name;        // of the bundle; default: the out folder's name
-  std::int64_t build = 1;  // build number
-  std::string map_frame = "tangent";  // or a known grid, e.g. EPSG:2154
-  int num_views = 8;                  // rectilinear views a panorama (paper: 8)
-  double view_pitch_deg = 0;          // their common pitch, up positive
-  ExtractOptions extract;
-  int num_sift_words = 5000;  // vocabulary sizes (paper: 5000 + 2000)
-  int num_mser_words = 2000;
-  int max_words = 150;      // heaviest kept of a view's bag; 0 = all
-  StationOptions stations;  // virtual ones, along the links
-  RenderOptions render;     // of their views
-  LandmarkOptions landmarks;
-  bool pack_descriptors = true;   // four bits an entry instead of eight
-  bool keep_view_images = false;  // for kVLD at run time; about 0.2 MB a view
-  SimilarityOptions similarity;
-  double max_set_aside_share = 0.5;  // more bad panoramas than this fail the build
-  int num_threads = 0;               // 0 = all cores
-  std::uint64_t seed = 1;
-  void Check() const;  // throws std::invalid_argument naming field, value and rule
+// Bounds the threads that the process works with while it lives; 0 = all processors.
+class ThreadLimit {
+ public:
+  explicit ThreadLimit(int num_threads);
+  ~ThreadLimit();
+  ThreadLimit(const ThreadLimit&) = delete;
+  ThreadLimit& operator=(const ThreadLimit&) = delete;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
-// The options that decide the bundle's bytes, as JSON.
-[[nodiscard]] std::string OptionsJson(const BuildOptions& options);
+// Whether a bundle can be put at `out`: what is there is replaced, so it must be a bundle, or
+// nothing that anybody could miss. Throws Error.
+void CheckOut(const std::filesystem::path& out);
+
+// Checks the options and plans: what `plan` does, and the first step of Build. `work` is OUT.work
+// where it is empty. Throws Error or std::invalid_argument.
+void PlanBuild(BuildOptions options);
+
+// What the plan in a work folder asks for, in a few lines.
+[[nodiscard]] std::string DescribePlan(const std::filesystem::path& work);
 
 // Runs or resumes a build and publishes the bundle. Equal inputs and options give equal bytes for
-// any thread count and input order. Throws Error (kCancelled on Ctrl-C: what was extracted is
+// any thread count, shards and input order. Throws Error (kCancelled on Ctrl-C: what was done is
 // kept).
-RunReport Build(const BuildOptions& options);
+RunReport Build(BuildOptions options);
 
 }  // namespace panofix

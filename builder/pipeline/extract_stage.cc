@@ -2,12 +2,9 @@
 
 #include <tbb/parallel_for.h>
 
-#include <atomic>
-
+#include "builder/pipeline/attempt.h"
 #include "common/base/cancel.h"
 #include "common/base/log.h"
-#include "common/base/progress.h"
-#include "common/io/atomic_file.h"
 #include "common/io/sha256.h"
 
 namespace panofix {
@@ -23,43 +20,43 @@ struct Outcome {
   ExtractedPanorama panorama;
   Status failure;
   std::string depth_fault;
-  bool reused = false, done = false;
+  std::uint64_t num_bytes = 0;
+  bool reused = false;
 };
 
-void UpdateWithFile(const fs::path& path, Sha256* hash) {
-  if (path.empty()) {
-    hash->Update("-\n");
-    return;
-  }
+std::string HashOf(const fs::path& path) {
+  if (path.empty()) return "-";
   // A file that cannot be read has no hash; extraction says why.
   const auto digest = Sha256OfFile(path);
-  hash->Update(digest.ok() ? *digest + "\n" : "?\n");
+  return digest.ok() ? *digest : "?";
 }
 
 Outcome ProcessOne(const PanoramaRecord& record, const Rectifier& rectifier,
-                   const ExtractOptions& options, const fs::path& folder) {
+                   const ExtractOptions& options, const WorkFolder& work) {
   Outcome outcome;
-  outcome.done = true;
+  const KeyParts key = ContentKey(record, rectifier, options);
   outcome.panorama.record = record;
-  const auto key = ContentKey(record, rectifier, options);
-  if (!key.ok()) {
-    outcome.failure = key.status();
-    return outcome;
-  }
-  outcome.panorama.content_key = *key;
-  outcome.panorama.features_file = folder / (*key + ".h5");
+  outcome.panorama.content_key = key.Hex();
+  outcome.panorama.parts = key.digests();
+  outcome.panorama.features_file = work.Content("features", outcome.panorama.content_key);
   Result<PanoramaFeatures> features = Status(ErrorCode::kNotFound, "not extracted yet");
   if (fs::exists(outcome.panorama.features_file)) {
     features = ReadPanoramaFeatures(outcome.panorama.features_file);
     outcome.reused = features.ok();
   }
   if (!features.ok()) {
+    const Attempt attempt(work, Stage::kExtract, record.id, outcome.panorama.content_key);
+    if (attempt.IsHopeless()) {
+      outcome.failure = Status(ErrorCode::kBadData, attempt.Reason());
+      return outcome;
+    }
     features = ExtractPanorama(record, rectifier, options);
     if (!features.ok()) {
       outcome.failure = features.status();
       return outcome;
     }
     WritePanoramaFeatures(outcome.panorama.features_file, *features);
+    outcome.num_bytes = fs::file_size(outcome.panorama.features_file);
   }
   outcome.panorama.has_depth = features->has_depth;
   if (!features->has_depth) {
@@ -77,45 +74,51 @@ void StopIfCancelled() {
   }
 }
 
-Result<std::string> ContentKey(const PanoramaRecord& record, const Rectifier& rectifier,
-                               const ExtractOptions& options) {
-  Sha256 hash;
-  hash.Update(Format("extract %d\n", kExtractVersion));
-  hash.Update(ToCameraYaml(rectifier.camera(), "view"));
+KeyParts ContentKey(const PanoramaRecord& record, const Rectifier& rectifier,
+                    const ExtractOptions& options) {
+  KeyParts key;
+  key.Add("program", Format("extract %d", kExtractVersion));
+  std::string views = ToCameraYaml(rectifier.camera(), "view");
   for (const ViewDirection& d : rectifier.directions())
-    hash.Update(Format("%.17g %.17g\n", d.yaw_deg, d.pitch_deg));
+    views += Format("%.17g %.17g\n", d.yaw_deg, d.pitch_deg);
+  key.Add("camera and views", views);
   const FeatureOptions& f = options.features;
-  hash.Update(Format("%d %.17g %d %d %.17g %d %d\n", static_cast<int>(f.equalization),
-                     f.clahe_clip_limit, f.clahe_tiles, f.max_sift, f.sift_contrast_threshold,
-                     f.max_mser, f.root_sift ? 1 : 0));
-  hash.Update(Format("%.17g %.17g %.17g %.17g %.17g\n", options.errors.range_sigma_share,
-                     options.errors.normal_sigma_deg, options.errors.relief_sigma_m,
-                     options.max_range_m, options.max_incidence_deg));
-  hash.Update(record.id + Format("\n%.17g\n", record.depth_scale_m));
-  UpdateWithFile(record.image, &hash);
-  UpdateWithFile(record.depth, &hash);
-  UpdateWithFile(record.mask, &hash);
-  return hash.FinishHex();
+  key.Add("options", Format("%d %.17g %d %d %.17g %d %d\n", static_cast<int>(f.equalization),
+                            f.clahe_clip_limit, f.clahe_tiles, f.max_sift,
+                            f.sift_contrast_threshold, f.max_mser, f.root_sift ? 1 : 0) +
+                         Format("%.17g %.17g %.17g %.17g %.17g\n", options.errors.range_sigma_share,
+                                options.errors.normal_sigma_deg, options.errors.relief_sigma_m,
+                                options.max_range_m, options.max_incidence_deg));
+  key.Add("id", record.id);
+  key.Add("image", HashOf(record.image));
+  key.Add("depth", HashOf(record.depth) + Format(" %.17g", record.depth_scale_m));
+  key.Add("mask", HashOf(record.mask));
+  return key;
 }
 
 ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records,
                                 const Rectifier& rectifier, const ExtractOptions& options,
-                                const fs::path& work) {
-  const fs::path folder = work / "features";
-  ThrowIfError(MakeDirectories(folder, "--work"));
+                                const WorkFolder& work, Progress* progress) {
   std::vector<Outcome> outcomes(records.size());
-  Progress progress("extract", static_cast<std::int64_t>(records.size()), "panoramas");
+  const auto process = [&](std::size_t i) {
+    if (CancelRequested()) return;
+    outcomes[i] = ProcessOne(records[i], rectifier, options, work);
+    if (progress != nullptr) progress->Add();
+  };
+  std::vector<std::size_t> others;
+  for (std::size_t i = 0; i < records.size(); ++i) {
+    if (Attempt::IsSuspect(work, Stage::kExtract, records[i].id)) {
+      process(i);
+    } else {
+      others.push_back(i);
+    }
+  }
   tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, records.size(), 1),
+      tbb::blocked_range<std::size_t>(0, others.size(), 1),
       [&](const auto& range) {
-        for (std::size_t i = range.begin(); i < range.end(); ++i) {
-          if (CancelRequested()) return;
-          outcomes[i] = ProcessOne(records[i], rectifier, options, folder);
-          progress.Add();
-        }
+        for (std::size_t k = range.begin(); k < range.end(); ++k) process(others[k]);
       },
       tbb::simple_partitioner());
-  progress.Finish();
   StopIfCancelled();
   ExtractStageResult result;
   for (Outcome& outcome : outcomes) {
@@ -123,7 +126,8 @@ ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records,
       result.set_aside.push_back({outcome.panorama.record.id, outcome.failure.message()});
       continue;
     }
-    if (outcome.reused) ++result.num_reused;
+    if (!outcome.reused) result.made.push_back(static_cast<std::uint32_t>(result.panoramas.size()));
+    result.num_bytes_written += outcome.num_bytes;
     if (!outcome.depth_fault.empty()) {
       result.without_depth.push_back({outcome.panorama.record.id, outcome.depth_fault});
     }

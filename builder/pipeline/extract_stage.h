@@ -6,12 +6,16 @@
 #include <vector>
 
 #include "builder/extract/panorama_features.h"
+#include "builder/pipeline/key_parts.h"
+#include "builder/pipeline/work_folder.h"
+#include "common/base/progress.h"
 
 namespace panofix {
 
 struct ExtractedPanorama {
   PanoramaRecord record;
   std::string content_key;              // SHA-256 of inputs, options and code version
+  PartDigests parts;                    // what it was made from
   std::filesystem::path features_file;  // named by the key
   bool has_depth = false;
 };
@@ -19,23 +23,23 @@ struct ExtractedPanorama {
 struct ExtractStageResult {
   std::vector<ExtractedPanorama> panoramas;  // in the order given
   std::vector<SetAside> set_aside, without_depth;
-  std::size_t num_reused = 0;
+  std::vector<std::uint32_t> made;  // of the panoramas, those whose file was not there
+  std::uint64_t num_bytes_written = 0;
 };
 
 // Throws Error(kCancelled) after Ctrl-C; what stages have written is there for the next run.
 void StopIfCancelled();
 
-// SHA-256 over the panorama's record and the bytes of its files, the view directions, camera and
-// options: equal keys, equal features.
-[[nodiscard]] Result<std::string> ContentKey(const PanoramaRecord& record,
-                                             const Rectifier& rectifier,
-                                             const ExtractOptions& options);
+// What decides a panorama's features: program, camera and views, options, and the bytes of its
+// files.
+[[nodiscard]] KeyParts ContentKey(const PanoramaRecord& record, const Rectifier& rectifier,
+                                  const ExtractOptions& options);
 
 // TBB over panoramas; one at a time a thread in memory. Ctrl-C throws Error(kCancelled) after the
 // panoramas under way are written.
 [[nodiscard]] ExtractStageResult ExtractStage(const std::vector<PanoramaRecord>& records,
                                               const Rectifier& rectifier,
-                                              const ExtractOptions& options,
-                                              const std::filesystem::path& work);
+                                              const ExtractOptions& options, const WorkFolder& work,
+                                              Progress* progress);
 
 }  // namespace panofix

@@ -8,26 +8,6 @@
 namespace panofix {
 namespace {
 
-// The tile's panoramas, then its halo's: indices of the data set.
-std::vector<std::uint32_t> Members(const LandmarkStageInput& input, std::size_t begin,
-                                   std::size_t end) {
-  const std::vector<MapPanorama>& panoramas = input.content.panoramas;
-  std::vector<std::uint32_t> members;
-  for (std::size_t p = begin; p < end; ++p) members.push_back(static_cast<std::uint32_t>(p));
-  for (std::uint32_t p = 0; p < panoramas.size(); ++p) {
-    if (p >= begin && p < end) continue;
-    const bool is_near = std::any_of(
-        panoramas.begin() + static_cast<std::ptrdiff_t>(begin),
-        panoramas.begin() + static_cast<std::ptrdiff_t>(end), [&](const MapPanorama& own) {
-          return (own.map_from_pano.translation - panoramas[p].map_from_pano.translation)
-                     .head<2>()
-                     .norm() < input.halo_m * own.point_scale;
-        });
-    if (is_near) members.push_back(p);
-  }
-  return members;
-}
-
 // Features held in memory while their observations refer to them.
 struct Loaded {
   std::vector<PanoramaFeatures> features;  // native and rendered of each member
@@ -123,10 +103,29 @@ void KeepOwn(LandmarkLayer* layer, const std::vector<std::uint32_t>& members,
 
 }  // namespace
 
+std::vector<std::uint32_t> TileMembers(const std::vector<MapPanorama>& panoramas, std::size_t begin,
+                                       std::size_t end, double halo_m) {
+  std::vector<std::uint32_t> members;
+  for (std::size_t p = begin; p < end; ++p) members.push_back(static_cast<std::uint32_t>(p));
+  for (std::uint32_t p = 0; p < panoramas.size(); ++p) {
+    if (p >= begin && p < end) continue;
+    const bool is_near = std::any_of(
+        panoramas.begin() + static_cast<std::ptrdiff_t>(begin),
+        panoramas.begin() + static_cast<std::ptrdiff_t>(end), [&](const MapPanorama& own) {
+          return (own.map_from_pano.translation - panoramas[p].map_from_pano.translation)
+                     .head<2>()
+                     .norm() < halo_m * own.point_scale;
+        });
+    if (is_near) members.push_back(p);
+  }
+  return members;
+}
+
 BundleTile MakeLandmarkTile(const LandmarkStageInput& input, std::size_t begin, std::size_t end,
                             std::vector<MapPanorama>* panoramas,
                             std::vector<RefinementReport>* report) {
-  const std::vector<std::uint32_t> members = Members(input, begin, end);
+  const std::vector<std::uint32_t> members =
+      TileMembers(input.content.panoramas, begin, end, input.halo_m);
   const LocalFrame local = LocalFrame::At(input.content.panoramas[members.front()]);
   std::vector<LandmarkPanorama> given(members.size());
   for (std::size_t m = 0; m < members.size(); ++m) {

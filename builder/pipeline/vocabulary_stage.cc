@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "builder/train/tree_trainer.h"
-#include "common/base/progress.h"
 #include "common/base/rng.h"
 #include "common/map/landmark_codes.h"
 
@@ -15,44 +14,6 @@ namespace {
 
 // Descriptors a word that k-means is trained on; more changes little and costs linearly.
 constexpr std::size_t kSamplesPerWord = 40;
-
-// Gathers a seeded sample of at most `budget` descriptors, the same share of every panorama.
-struct TrainingSample {
-  std::vector<std::uint8_t> sift, mser;
-};
-TrainingSample Sample(const std::vector<ExtractedPanorama>& panoramas,
-                      const VocabularyStageOptions& options) {
-  const std::size_t n = panoramas.size();
-  const auto budget = [&](int words) {
-    return std::max<std::size_t>(1, static_cast<std::size_t>(words) * kSamplesPerWord / n);
-  };
-  std::vector<TrainingSample> parts(n);
-  tbb::parallel_for(std::size_t{0}, n, [&](std::size_t p) {
-    const PanoramaFeatures features =
-        ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
-    Rng rng(options.seed, "sample/" + panoramas[p].record.id);
-    const auto draw = [&](bool mser, std::size_t count, std::vector<std::uint8_t>* out) {
-      std::vector<std::pair<const FeatureSet*, std::size_t>> all;
-      for (const ViewFeatureSet& view : features.views) {
-        const FeatureSet& set = mser ? view.mser : view.sift;
-        for (std::size_t i = 0; i < set.size(); ++i) all.emplace_back(&set, i);
-      }
-      for (std::size_t i = 0; i < std::min(count, all.size()); ++i) {
-        std::swap(all[i], all[i + rng.Below(all.size() - i)]);
-        const auto descriptor = all[i].first->descriptor(all[i].second);
-        out->insert(out->end(), descriptor.begin(), descriptor.end());
-      }
-    };
-    draw(false, budget(options.num_sift_words), &parts[p].sift);
-    draw(true, budget(options.num_mser_words), &parts[p].mser);
-  });
-  TrainingSample sample;
-  for (const TrainingSample& part : parts) {
-    sample.sift.insert(sample.sift.end(), part.sift.begin(), part.sift.end());
-    sample.mser.insert(sample.mser.end(), part.mser.begin(), part.mser.end());
-  }
-  return sample;
-}
 
 // Words must not depend on whether the tree was written and read.
 void RoundToPacked(VocabularyTree* tree) {
@@ -83,9 +44,37 @@ BagOfWords KeepHeaviest(BagOfWords bag, int max_words) {
 
 }  // namespace
 
-Vocabulary TrainVocabulary(const std::vector<ExtractedPanorama>& panoramas,
-                           const VocabularyStageOptions& options) {
-  const TrainingSample sample = Sample(panoramas, options);
+std::vector<TrainingSample> SampleDescriptors(const std::vector<ExtractedPanorama>& panoramas,
+                                              std::size_t num_in_build,
+                                              const VocabularyStageOptions& options) {
+  const auto budget = [&](int words) {
+    return std::max<std::size_t>(1, static_cast<std::size_t>(words) * kSamplesPerWord /
+                                        std::max<std::size_t>(1, num_in_build));
+  };
+  std::vector<TrainingSample> parts(panoramas.size());
+  tbb::parallel_for(std::size_t{0}, panoramas.size(), [&](std::size_t p) {
+    const PanoramaFeatures features =
+        ValueOrThrow(ReadPanoramaFeatures(panoramas[p].features_file));
+    Rng rng(options.seed, "sample/" + panoramas[p].record.id);
+    const auto draw = [&](bool mser, std::size_t count, std::vector<std::uint8_t>* out) {
+      std::vector<std::pair<const FeatureSet*, std::size_t>> all;
+      for (const ViewFeatureSet& view : features.views) {
+        const FeatureSet& set = mser ? view.mser : view.sift;
+        for (std::size_t i = 0; i < set.size(); ++i) all.emplace_back(&set, i);
+      }
+      for (std::size_t i = 0; i < std::min(count, all.size()); ++i) {
+        std::swap(all[i], all[i + rng.Below(all.size() - i)]);
+        const auto descriptor = all[i].first->descriptor(all[i].second);
+        out->insert(out->end(), descriptor.begin(), descriptor.end());
+      }
+    };
+    draw(false, budget(options.num_sift_words), &parts[p].sift);
+    draw(true, budget(options.num_mser_words), &parts[p].mser);
+  });
+  return parts;
+}
+
+Vocabulary TrainVocabulary(const TrainingSample& sample, const VocabularyStageOptions& options) {
   TreeOptions tree;
   tree.seed = options.seed;
   Vocabulary vocabulary;
@@ -102,43 +91,32 @@ Vocabulary TrainVocabulary(const std::vector<ExtractedPanorama>& panoramas,
         ErrorCode::kBadData,
         "no feature in any panorama; check the images, their masks and --sift-contrast-threshold");
   }
+  vocabulary.idf.assign(vocabulary.num_words(), 0.0F);
   return vocabulary;
 }
 
-std::vector<BagOfWords> MakeBags(
-    std::size_t num_panoramas,
-    const std::function<std::vector<PanoramaFeatures>(std::size_t)>& features_of, int max_words,
-    Vocabulary* vocabulary) {
-  struct ViewWords {
-    std::vector<std::uint32_t> sift, mser;
-  };
-  std::vector<std::vector<ViewWords>> by_panorama(num_panoramas);
-  Progress progress("words", static_cast<std::int64_t>(num_panoramas), "panoramas");
-  tbb::parallel_for(std::size_t{0}, num_panoramas, [&](std::size_t p) {
-    for (const PanoramaFeatures& features : features_of(p)) {
-      for (const ViewFeatureSet& view : features.views) {
-        by_panorama[p].push_back(
-            {vocabulary->SiftWords(view.sift), vocabulary->MserWords(view.mser)});
-      }
-    }
-    progress.Add();
-  });
-  progress.Finish();
+std::vector<ViewWords> QuantiseViews(std::span<const PanoramaFeatures> features,
+                                     const Vocabulary& vocabulary) {
   std::vector<ViewWords> words;
-  std::vector<std::vector<std::uint32_t>> all;
-  for (std::vector<ViewWords>& views : by_panorama) {
-    for (ViewWords& view : views) {
-      all.push_back(view.sift);
-      all.back().insert(all.back().end(), view.mser.begin(), view.mser.end());
-      words.push_back(std::move(view));
-    }
+  for (const PanoramaFeatures& some : features) {
+    for (const ViewFeatureSet& view : some.views)
+      words.push_back({vocabulary.SiftWords(view.sift), vocabulary.MserWords(view.mser)});
   }
-  vocabulary->idf = InverseDocumentFrequency(all, vocabulary->num_words());
-  std::vector<BagOfWords> bags(words.size());
-  tbb::parallel_for(std::size_t{0}, bags.size(), [&](std::size_t i) {
-    bags[i] = KeepHeaviest(vocabulary->Bag(words[i].sift, words[i].mser), max_words);
-  });
-  return bags;
+  return words;
+}
+
+void CountWords(std::span<const ViewWords> views, std::vector<std::uint32_t>* counts) {
+  for (const ViewWords& view : views) {
+    std::vector<std::uint32_t> all = view.sift;
+    all.insert(all.end(), view.mser.begin(), view.mser.end());
+    std::sort(all.begin(), all.end());
+    all.erase(std::unique(all.begin(), all.end()), all.end());
+    for (const std::uint32_t word : all) ++counts->at(word);
+  }
+}
+
+BagOfWords MakeBag(const ViewWords& words, const Vocabulary& vocabulary, int max_words) {
+  return KeepHeaviest(vocabulary.Bag(words.sift, words.mser), max_words);
 }
 
 }  // namespace panofix

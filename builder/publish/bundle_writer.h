@@ -6,41 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "builder/landmarks/landmark_layer.h"
-#include "builder/rectify/rectifier.h"
-#include "builder/similarity/similarity_index.h"
-#include "common/map/manifest.h"
-#include "common/map/map_bundle.h"
-#include "common/vocabulary/vocabulary.h"
+#include "builder/publish/bundle_parts.h"
 
 namespace panofix {
-
-// One tile's part of the map: the landmarks that the views of its panoramas show.
-struct BundleTile {
-  std::vector<Landmark> landmarks;  // `panorama` and `views` are the bundle's; by anchor, ascending
-  // Refined surfaces of each anchor, in the order of anchors' first landmarks.
-  struct Anchor {
-    std::uint32_t panorama_idx = 0;
-    std::vector<DepthPlane> planes;
-    std::vector<float> distance_sigma_share, normal_sigma_rad;
-  };
-  std::vector<Anchor> anchors;   // ascending; of every landmark
-  std::vector<BagOfWords> bags;  // one a view of the tile's stations
-  // JPEGs of the panoramas' own views, in order; empty = not kept.
-  std::vector<std::vector<std::uint8_t>> view_images;
-};
-
-// Everything below is in one panorama order: sorted by (tile, id).
-struct BundleContent {
-  Manifest manifest;  // parts and counts are filled in by the writer
-  std::vector<MapPanorama> panoramas;
-  std::vector<std::string> tile_of_panorama;  // quadkeys
-  std::vector<MapStation> stations;           // by panorama, each panorama itself first
-  std::vector<ViewDirection> directions;      // of every station's views
-  Vocabulary vocabulary;
-  SimilarityIndex similarity;  // a row a panorama's view, in view indices of the bundle
-  bool pack_descriptors = true;
-};
 
 // Makes the tile of panoramas [begin, end), one tile in memory at a time; may refine the panoramas'
 // poses.
@@ -52,5 +20,16 @@ using MakeTile =
 // Error.
 Manifest WriteBundle(const std::filesystem::path& target, BundleContent content,
                      const MakeTile& make_tile);
+
+// A part that is written already, and what it must be.
+struct FinishedPart {
+  BundlePart part;
+  std::filesystem::path file;
+};
+
+// The same from finished parts: each is copied and compared with its hash on the way. `manifest`
+// comes with its counts and with the parts' list.
+Manifest PublishParts(const std::filesystem::path& target, const Manifest& manifest,
+                      const std::vector<FinishedPart>& parts);
 
 }  // namespace panofix

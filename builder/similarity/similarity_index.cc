@@ -93,18 +93,19 @@ std::vector<std::vector<std::uint32_t>> AppearanceNeighbourhoods(
   return neighbourhoods;
 }
 
-SimilarityIndex BuildSimilarityIndex(const std::vector<BagOfWords>& bags,
-                                     const std::vector<std::uint32_t>& panorama_of_view,
-                                     const std::vector<std::vector<std::uint32_t>>& neighbourhoods,
-                                     const SimilarityOptions& options) {
+SimilarityIndex SimilarityRows(const std::vector<BagOfWords>& bags,
+                               const std::vector<std::uint32_t>& panorama_of_view,
+                               const std::vector<std::vector<std::uint32_t>>& neighbourhoods,
+                               const SimilarityOptions& options, std::size_t begin,
+                               std::size_t end) {
   options.Check();
   std::vector<std::vector<std::uint32_t>> views_of_panorama(neighbourhoods.size());
   for (std::uint32_t v = 0; v < panorama_of_view.size(); ++v)
     views_of_panorama[panorama_of_view[v]].push_back(v);
 
-  std::vector<std::vector<std::pair<float, std::uint32_t>>> rows(bags.size());
-  tbb::parallel_for(std::size_t{0}, bags.size(), [&](std::size_t v) {
-    auto& row = rows[v];
+  std::vector<std::vector<std::pair<float, std::uint32_t>>> rows(end - begin);
+  tbb::parallel_for(begin, end, [&](std::size_t v) {
+    auto& row = rows[v - begin];
     for (const std::uint32_t panorama : neighbourhoods[panorama_of_view[v]]) {
       for (const std::uint32_t other : views_of_panorama[panorama]) {
         if (other != v) row.emplace_back(-Similarity(bags[v], bags[other]), other);

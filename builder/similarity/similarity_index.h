@@ -30,11 +30,12 @@ struct SimilarityIndex {
     const std::vector<std::array<double, 3>>& positions_in_map, int views_per_panorama,
     const SimilarityOptions& options);
 
-// The r most similar views of every view among the views of its panorama's neighbourhood, itself
-// left out. Time is linear in the views at a fixed radius; TBB-parallel, deterministic.
-[[nodiscard]] SimilarityIndex BuildSimilarityIndex(
+// The r most similar views of views [begin, end) among the views of their panoramas'
+// neighbourhoods, themselves left out: one row each. Time is linear in the views at a fixed radius;
+// TBB-parallel, deterministic.
+[[nodiscard]] SimilarityIndex SimilarityRows(
     const std::vector<BagOfWords>& bags, const std::vector<std::uint32_t>& panorama_of_view,
-    const std::vector<std::vector<std::uint32_t>>& neighbourhoods,
-    const SimilarityOptions& options);
+    const std::vector<std::vector<std::uint32_t>>& neighbourhoods, const SimilarityOptions& options,
+    std::size_t begin, std::size_t end);
 
 }  // namespace panofix

@@ -69,10 +69,10 @@ int ExitCode(ErrorCode code) {
     case ErrorCode::kIo:
     case ErrorCode::kNoSpace:
       return 74;
-    case ErrorCode::kUnsupportedVersion:
-      return 76;
     case ErrorCode::kTryAgain:
       return 75;
+    case ErrorCode::kUnsupportedVersion:
+      return 76;
     case ErrorCode::kUntrusted:
       return 77;
     case ErrorCode::kKeyRevoked:

@@ -20,7 +20,7 @@ enum class ErrorCode {
   kChecksumMismatch,    // a file is not the one its manifest names
   kNoSpace,             // the disk is full
   kCancelled,           // the user asked to stop
-  kTryAgain,            // somebody else is at work on it; the same call may succeed later
+  kTryAgain,            // what is missing, failed or busy may be there another time
   // Why a vehicle refuses a map.
   kUntrusted,    // no signature, one that does not verify, or by a key that is not trusted
   kKeyRevoked,   // signed by a key that was taken back

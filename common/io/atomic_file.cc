@@ -1,6 +1,7 @@
 #include "common/io/atomic_file.h"
 
 #include <fcntl.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 
 #include <unistd.h>
@@ -59,9 +60,7 @@ fs::path FolderOf(const fs::path& path) {
 }
 
 fs::path TemporarySibling(const fs::path& path) {
-  static std::atomic<unsigned> counter{0};
-  return FolderOf(path) / Format(".%s.%ld-%u.tmp", path.filename().c_str(),
-                                 static_cast<long>(::getpid()), counter++);
+  return FolderOf(path) / Format(".%s.%s.tmp", path.filename().c_str(), UniqueWord().c_str());
 }
 
 // A pipe, terminal or device is written straight: renaming over /dev/stdout would replace it.
@@ -99,6 +98,18 @@ Status ExchangeInTwoSteps(const fs::path& staged, const fs::path& target) {
 }
 
 }  // namespace
+
+// Process numbers alone repeat: on two machines, and in containers, where every program is
+// number 1.
+std::string UniqueWord() {
+  std::uint64_t word = 0;
+  if (::getrandom(&word, sizeof word, 0) != static_cast<ssize_t>(sizeof word)) {
+    static std::atomic<std::uint64_t> counter{0};
+    word = counter++;
+  }
+  return Format("%ld-%016llx", static_cast<long>(::getpid()),
+                static_cast<unsigned long long>(word));
+}
 
 Status WriteFileAtomically(const fs::path& path, std::span<const std::uint8_t> bytes) {
   std::error_code error;

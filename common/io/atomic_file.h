@@ -20,6 +20,9 @@ namespace panofix {
 // Flushes a finished file (or folder) to disk.
 [[nodiscard]] Status SyncPath(const std::filesystem::path& path);
 
+// A word that no other process uses, on whatever machine shares the folder: "PID-16 hex digits".
+[[nodiscard]] std::string UniqueWord();
+
 // Whether something can be made beside `path`: asked before long work whose result goes there. The
 // message names the folder and `option`.
 [[nodiscard]] Status CheckParentIsWritable(const std::filesystem::path& path,

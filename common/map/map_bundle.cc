@@ -7,41 +7,11 @@
 #include "common/image/gray_image.h"
 #include "common/map/landmark_codes.h"
 #include "common/map/map_arrays.h"
+#include "common/map/vocabulary_file.h"
 
 namespace panofix {
 
 using namespace map_internal;
-
-namespace {
-
-Status LoadTree(const Hdf5Reader& file, const std::string& group, VocabularyTree* tree) {
-  PANOFIX_READ(centroids, file, std::uint8_t, group + "/centroids", -1);
-  PANOFIX_READ(first_child, file, std::uint32_t, group + "/first_child", 1);
-  PANOFIX_READ(num_children, file, std::uint32_t, group + "/num_children", 1);
-  PANOFIX_READ(word, file, std::uint32_t, group + "/word", 1);
-  if (centroids.cols == kPackedDescriptorSize) {
-    const auto nodes = static_cast<std::size_t>(centroids.rows);
-    tree->centroids.resize(nodes * kDescriptorSize);
-    for (std::size_t i = 0; i < nodes; ++i)
-      UnpackDescriptor(&centroids.values[i * kPackedDescriptorSize],
-                       &tree->centroids[i * kDescriptorSize]);
-  } else if (centroids.cols == kDescriptorSize) {
-    tree->centroids.assign(centroids.values.begin(), centroids.values.end());
-  } else {
-    return Bad(group + "/centroids: a row has " + std::to_string(centroids.cols) + " columns");
-  }
-  tree->first_child.assign(first_child.values.begin(), first_child.values.end());
-  tree->num_children.assign(num_children.values.begin(), num_children.values.end());
-  tree->word.assign(word.values.begin(), word.values.end());
-  tree->num_words = 0;
-  for (std::size_t node = 0; node < tree->word.size(); ++node) {
-    if (tree->num_children.size() == tree->word.size() && tree->num_children[node] == 0)
-      ++tree->num_words;
-  }
-  return {};
-}
-
-}  // namespace
 
 Result<Manifest> MapBundle::ReadManifest(const std::filesystem::path& folder, std::string* id) {
   auto manifest = ReadSignedManifest(folder, {});
@@ -103,12 +73,10 @@ Status MapBundle::LoadPart(const BundlePart& part, int fd, const std::string& na
 }
 
 Status MapBundle::LoadVocabulary(const Hdf5Reader& file) {
-  Status status = LoadTree(file, "sift", &vocabulary_.sift);
-  if (status.ok()) status = LoadTree(file, "mser", &vocabulary_.mser);
-  if (!status.ok()) return status;
-  PANOFIX_READ(idf, file, float, "idf", 1);
-  vocabulary_.idf.assign(idf.values.begin(), idf.values.end());
-  return vocabulary_.Check();
+  auto vocabulary = ReadVocabulary(file);
+  if (!vocabulary.ok()) return vocabulary.status();
+  vocabulary_ = std::move(vocabulary).value();
+  return {};
 }
 
 Status MapBundle::LoadPanoramas(const Hdf5Reader& file) {

@@ -159,20 +159,12 @@ Status Vocabulary::Check() const {
   return {};
 }
 
-std::vector<float> InverseDocumentFrequency(
-    const std::vector<std::vector<std::uint32_t>>& words_by_view, std::uint32_t num_words) {
-  std::vector<std::uint32_t> views_with(num_words, 0), last_view(num_words, 0);
-  for (std::size_t view = 0; view < words_by_view.size(); ++view) {
-    for (const std::uint32_t word : words_by_view[view]) {
-      if (last_view[word] == view + 1) continue;
-      last_view[word] = static_cast<std::uint32_t>(view + 1);
-      ++views_with[word];
-    }
-  }
-  std::vector<float> idf(num_words, 0.0F);
-  const auto num_views = static_cast<double>(words_by_view.size());
-  for (std::size_t i = 0; i < num_words; ++i) {
-    if (views_with[i] > 0) idf[i] = static_cast<float>(std::log(num_views / views_with[i]));
+std::vector<float> InverseDocumentFrequency(std::span<const std::uint32_t> views_with,
+                                            std::uint64_t num_views) {
+  std::vector<float> idf(views_with.size(), 0.0F);
+  for (std::size_t i = 0; i < idf.size(); ++i) {
+    if (views_with[i] > 0)
+      idf[i] = static_cast<float>(std::log(static_cast<double>(num_views) / views_with[i]));
   }
   return idf;
 }

@@ -56,10 +56,10 @@ struct Vocabulary {
   [[nodiscard]] Status Check() const;
 };
 
-// Inverse document frequency ln(N / N_i), 0 for words no view has; `bags` as lists of distinct
-// words.
+// Inverse document frequency ln(N / N_i) of each word from the number of views that show it, 0 for
+// words that none does.
 [[nodiscard]] std::vector<float> InverseDocumentFrequency(
-    const std::vector<std::vector<std::uint32_t>>& words_by_view, std::uint32_t num_words);
+    std::span<const std::uint32_t> views_with, std::uint64_t num_views);
 
 // Views by word. Scores a query against all views, or against chosen ones only.
 class InvertedIndex {

@@ -7,24 +7,12 @@
 #include <chrono>
 #include <thread>
 
-#include "tests/e2e/data_set.h"
+#include "tests/e2e/staged_build.h"
 
 namespace panofix::e2e {
 namespace {
 
 namespace fs = std::filesystem;
-
-using Files = std::map<std::string, std::string>;  // bytes by path
-
-Files ReadTree(const fs::path& root) {
-  Files files;
-  for (const auto& entry : fs::recursive_directory_iterator(root)) {
-    if (entry.is_regular_file()) {
-      files[entry.path().lexically_relative(root).string()] = ReadText(entry.path());
-    }
-  }
-  return files;
-}
 
 std::size_t NumFiles(const fs::path& folder) {
   std::error_code error;
@@ -53,13 +41,7 @@ class ReproducibleBuild : public testing::Test {
     EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
     return outcome.exit_code == 0 ? ReadTree(out) : Files{};
   }
-  static void ExpectReference(const Files& files) {
-    ASSERT_EQ(files.size(), reference_.size());
-    for (const auto& [path, bytes] : reference_) {
-      ASSERT_TRUE(files.contains(path)) << path;
-      EXPECT_TRUE(files.at(path) == bytes) << path << " differs";
-    }
-  }
+  static void ExpectReference(const Files& files) { ExpectSameFiles(files, reference_); }
   // Starts a build and interrupts it once a panorama is done; false where it was done before.
   static bool Interrupt(const std::string& name) {
     Process build(

@@ -23,7 +23,7 @@ class ContentKeyTest : public testing::Test {
   [[nodiscard]] std::string Key(double hfov_deg = 60, int num_views = 8) const {
     const Rectifier rectifier(Camera::FromHorizontalFov(160, 120, hfov_deg),
                               RingOfViews(num_views, 0));
-    return *ContentKey(record_, rectifier, options_);
+    return ContentKey(record_, rectifier, options_).Hex();
   }
   TempFolder folder_;
   PanoramaRecord record_;

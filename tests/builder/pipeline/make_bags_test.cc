@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "builder/pipeline/vocabulary_stage.h"
+#include "tests/common/io/temp_folder.h"
 #include "tests/common/vocabulary/make_tree.h"
 
 namespace panofix {
@@ -30,6 +31,22 @@ std::vector<PanoramaFeatures> FeaturesOf(std::size_t p) {
     features[v < 2 ? 0 : 1].views.push_back(view);
   }
   return features;
+}
+
+// As the stages do it: words, their counts, weights, bags.
+template <typename Features>
+std::vector<BagOfWords> MakeBags(std::size_t num_panoramas, const Features& features_of,
+                                 int max_words, Vocabulary* vocabulary) {
+  std::vector<ViewWords> views;
+  for (std::size_t p = 0; p < num_panoramas; ++p) {
+    for (ViewWords& view : QuantiseViews(features_of(p), *vocabulary)) views.push_back(view);
+  }
+  std::vector<std::uint32_t> counts(vocabulary->num_words(), 0);
+  CountWords(views, &counts);
+  vocabulary->idf = InverseDocumentFrequency(counts, views.size());
+  std::vector<BagOfWords> bags;
+  for (const ViewWords& view : views) bags.push_back(MakeBag(view, *vocabulary, max_words));
+  return bags;
 }
 
 std::vector<BagOfWords> Bags(int max_words, Vocabulary* vocabulary) {
@@ -115,6 +132,57 @@ TEST(MakeBags, ViewsWithoutFeaturesHaveEmptyBags) {
   ASSERT_EQ(bags.size(), 4U);
   EXPECT_TRUE(bags[0].empty() && bags[1].empty() && bags[3].empty());
   EXPECT_EQ(bags[2].size(), 5U);
+}
+
+TEST(CountWords, CountsViewsNotOccurrences) {
+  std::vector<std::uint32_t> counts(5, 0);
+  CountWords(std::vector<ViewWords>{{{0, 0, 1}, {4}}, {{0}, {}}, {{}, {}}}, &counts);
+  EXPECT_EQ(counts, (std::vector<std::uint32_t>{2, 1, 0, 0, 1}));
+}
+
+TEST(WordsFile, IsReadAsItWasWritten) {
+  const TempFolder folder;
+  const std::vector<ViewWords> views = {{{3, 1, 3}, {}}, {{}, {9}}, {{}, {}}};
+  WriteWords(folder / "w.h5", views);
+  const auto read = ReadWords(folder / "w.h5");
+  ASSERT_TRUE(read.ok()) << read.status().message();
+  ASSERT_EQ(read->size(), views.size());
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    EXPECT_EQ((*read)[v].sift, views[v].sift);
+    EXPECT_EQ((*read)[v].mser, views[v].mser);
+  }
+  EXPECT_FALSE(ReadWords(folder / "none.h5").ok());
+}
+
+TEST(SampleDescriptors, DoesNotDependOnTheShard) {
+  const TempFolder folder;
+  std::vector<ExtractedPanorama> panoramas(kPanoramas);
+  for (std::size_t p = 0; p < kPanoramas; ++p) {
+    PanoramaFeatures features = FeaturesOf(p)[0];
+    for (ViewFeatureSet& view : features.views) view.points.resize(view.sift.size());
+    features.sources = {"p"};
+    panoramas[p].record.id = std::to_string(p);
+    panoramas[p].features_file = folder / (std::to_string(p) + ".h5");
+    WritePanoramaFeatures(panoramas[p].features_file, features);
+  }
+  VocabularyStageOptions options;
+  options.num_sift_words = 1, options.num_mser_words = 1;  // some 13 descriptors a panorama
+  const auto whole = SampleDescriptors(panoramas, kPanoramas, options);
+  for (std::size_t p = 0; p < kPanoramas; ++p) {
+    const auto alone = SampleDescriptors({panoramas[p]}, kPanoramas, options);
+    EXPECT_EQ(alone[0].sift, whole[p].sift);
+    EXPECT_EQ(alone[0].mser, whole[p].mser);
+    EXPECT_EQ(whole[p].sift.size(), 13 * kDescriptorSize);
+  }
+  const std::vector<std::string> ids = {"0", "1", "2"};
+  WriteSamples(folder / "s.h5", ids, whole);
+  std::map<std::string, TrainingSample> read;
+  ASSERT_TRUE(ReadSamples(folder / "s.h5", &read).ok());
+  ASSERT_EQ(read.size(), kPanoramas);
+  for (std::size_t p = 0; p < kPanoramas; ++p) {
+    EXPECT_EQ(read[ids[p]].sift, whole[p].sift);
+    EXPECT_EQ(read[ids[p]].mser, whole[p].mser);
+  }
 }
 
 }  // namespace

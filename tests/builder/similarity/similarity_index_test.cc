@@ -43,10 +43,11 @@ World MakeWorld() {
 SimilarityIndex Build(const World& world, int num_similar) {
   SimilarityOptions options;
   options.num_similar = num_similar;
-  return BuildSimilarityIndex(world.bags, world.panorama_of_view, world.neighbourhoods, options);
+  return SimilarityRows(world.bags, world.panorama_of_view, world.neighbourhoods, options, 0,
+                        world.bags.size());
 }
 
-TEST(BuildSimilarityIndex, AgreesWithBruteForce) {
+TEST(SimilarityRows, AgreesWithBruteForce) {
   const World world = MakeWorld();
   for (const int num_similar : {1, 7, 1000}) {
     const SimilarityIndex index = Build(world, num_similar);
@@ -74,7 +75,7 @@ TEST(BuildSimilarityIndex, AgreesWithBruteForce) {
   }
 }
 
-TEST(BuildSimilarityIndex, DoesNotDependOnThreads) {
+TEST(SimilarityRows, DoesNotDependOnThreads) {
   const World world = MakeWorld();
   SimilarityIndex one;
   {
@@ -87,8 +88,29 @@ TEST(BuildSimilarityIndex, DoesNotDependOnThreads) {
   EXPECT_EQ(one.similarity, many.similarity);
 }
 
-TEST(BuildSimilarityIndex, NoViews) {
-  const SimilarityIndex index = BuildSimilarityIndex({}, {}, {}, {});
+// What tiles rely on: rows by parts are the rows of the whole.
+TEST(SimilarityRows, ASliceIsAPartOfTheWhole) {
+  const World world = MakeWorld();
+  const SimilarityIndex whole = Build(world, 7);
+  constexpr std::size_t kBegin = 20, kEnd = 45;
+  SimilarityOptions options;
+  options.num_similar = 7;
+  const SimilarityIndex slice = SimilarityRows(world.bags, world.panorama_of_view,
+                                               world.neighbourhoods, options, kBegin, kEnd);
+  ASSERT_EQ(slice.offsets.size(), kEnd - kBegin + 1);
+  for (std::size_t r = kBegin; r < kEnd; ++r) {
+    const std::size_t n = whole.offsets[r + 1] - whole.offsets[r];
+    ASSERT_EQ(slice.offsets[r - kBegin + 1] - slice.offsets[r - kBegin], n);
+    for (std::size_t i = 0; i < n; ++i) {
+      EXPECT_EQ(slice.views[slice.offsets[r - kBegin] + i], whole.views[whole.offsets[r] + i]);
+      EXPECT_EQ(slice.similarity[slice.offsets[r - kBegin] + i],
+                whole.similarity[whole.offsets[r] + i]);
+    }
+  }
+}
+
+TEST(SimilarityRows, NoViews) {
+  const SimilarityIndex index = SimilarityRows({}, {}, {}, {}, 0, 0);
   EXPECT_EQ(index.offsets, std::vector<std::uint32_t>{0});
   EXPECT_TRUE(index.views.empty());
 }

@@ -62,9 +62,9 @@ TEST(ErrorCode, ExitCodesFollowSysexits) {
   EXPECT_EQ(ExitCode(ErrorCode::kInternal), 70);
   EXPECT_EQ(ExitCode(ErrorCode::kIo), 74);
   EXPECT_EQ(ExitCode(ErrorCode::kNoSpace), 74);
+  EXPECT_EQ(ExitCode(ErrorCode::kTryAgain), 75);
   EXPECT_EQ(ExitCode(ErrorCode::kUnsupportedVersion), 76);
   EXPECT_EQ(ExitCode(ErrorCode::kCancelled), 130);
-  EXPECT_EQ(ExitCode(ErrorCode::kTryAgain), 75);
 }
 
 TEST(ErrorCode, EveryRefusalOfAMapHasAnExitCodeOfItsOwn) {

@@ -1,0 +1,121 @@
+#!/usr/bin/env python3
+"""What a panorama costs as a data set grows, and what the second night costs.
+
+Renders one small street, lays copies of it out a kilometre apart, and builds maps of 100, 1000 and
+10 000 panoramas (--sizes) from them, with the whole pipeline; then changes 1 % of the panoramas,
+street by street, and builds again with the first night's vocabulary. Writes DIR/scale.md and
+DIR/scale.json. Pictures are small, so that ten thousand take minutes: look at how cost grows, not
+at what it is. Python 3, standard library only.
+"""
+
+import argparse
+import copy
+import json
+import pathlib
+import shutil
+import subprocess
+import time
+
+PER_STREET = 10
+
+
+def run(command, log):
+    with open(log, "w") as out:
+        start = time.monotonic()
+        subprocess.run([str(c) for c in command], stdout=out, stderr=out, check=True)
+    return time.monotonic() - start
+
+
+def city(street, num_streets):
+    """Copies of a street on a square of places a kilometre apart."""
+    features = []
+    side = int(num_streets**0.5 + 0.999)
+    for s in range(num_streets):
+        for feature in copy.deepcopy(street["features"]):
+            feature["id"] = f"s{s}-{feature['id']}"
+            properties = feature["properties"]
+            properties["links"] = [f"s{s}-{link}" for link in properties["links"]]
+            point = feature["geometry"]["coordinates"]
+            point[0] += 0.014 * (s % side)
+            point[1] += 0.010 * (s // side)
+            features.append(feature)
+    return {**street, "features": features}
+
+
+def stage_rows(report):
+    return {s["name"]: s for s in report["stages"]}
+
+
+def same_tiles(first, second):
+    names = sorted(p.name for p in (first / "tiles").iterdir())
+    same = sum((first / "tiles" / n).read_bytes() == (second / "tiles" / n).read_bytes()
+               for n in names if (second / "tiles" / n).exists())
+    return same, len(names)
+
+
+def night(options, town, data, name, out, *more):
+    path = town / f"{name}.geojson"
+    path.write_text(json.dumps(data))
+    seconds = run(
+        [options.bin / "panofix-builder", "build", "--panoramas", path, "--camera",
+         town / "camera.yaml", "--out", out / name, "--name", "city", "--work", out / "work",
+         "--views", "4", "--station-spacing-m", "6", "--sift-words", "5000", "--mser-words", "1000",
+         *more], out / f"{name}.log")
+    report = json.loads((out / f"{name}.report.json").read_text())
+    return seconds, report
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=pathlib.Path, required=True, help="folder for all results")
+    parser.add_argument("--bin", type=pathlib.Path, default=pathlib.Path("build/dev/bin"))
+    parser.add_argument("--sizes", type=int, nargs="+", default=[100, 1000, 10000])
+    options = parser.parse_args()
+    options.bin = options.bin.resolve()
+    options.out.mkdir(parents=True, exist_ok=True)
+    town = options.out.resolve() / "town"
+    if not (town / "panoramas.geojson").exists():
+        run([options.bin / "panofix-town", "--out", town, "--seed", "5", "--panoramas", PER_STREET,
+             "--no-drive", "--pano-width-px", "320", "--frame-width-px", "120",
+             "--frame-height-px", "90"], options.out / "town.log")
+    street = json.loads((town / "panoramas.geojson").read_text())
+    results = []
+    for size in options.sizes:
+        out = options.out.resolve() / str(size)
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir()
+        data = city(street, size // PER_STREET)
+        first_s, first = night(options, town, data, "first", out)
+        pictures = [f["properties"]["image"] for f in street["features"]]
+        for i, feature in enumerate(data["features"][: max(1, size // 100)]):
+            feature["properties"]["image"] = pictures[(i + 1) % len(pictures)]
+        release = ["--vocabulary", out / "first" / "vocabulary.h5"]
+        quiet_s, _ = night(options, town, city(street, size // PER_STREET), "quiet", out, *release)
+        second_s, second = night(options, town, data, "second", out, *release)
+        same, tiles = same_tiles(out / "first", out / "second")
+        results.append({"panoramas": size, "first_s": first_s, "quiet_s": quiet_s,
+                        "second_s": second_s, "same_tiles": same, "tiles": tiles,
+                        "first": stage_rows(first), "second": stage_rows(second),
+                        "peak_mb": first["peak_memory_bytes"] / 1e6,
+                        "bundle_mb": first["bundle_bytes"] / 1e6})
+        shutil.rmtree(out / "work")
+        (options.out / "scale.json").write_text(json.dumps(results, indent=1))
+    names = [s for s in results[0]["first"] if s != "plan"]
+    lines = ["| panoramas | ms each | " + " | ".join(names) + " | peak MB | bundle MB |",
+             "|---:|---:|" + "---:|" * (len(names) + 2)]
+    for r in results:
+        cells = [f"{1000 * r['first'][n]['duration_s'] / r['panoramas']:.2f}" for n in names]
+        lines.append(f"| {r['panoramas']} | {1000 * r['first_s'] / r['panoramas']:.1f} | " +
+                     " | ".join(cells) + f" | {r['peak_mb']:.0f} | {r['bundle_mb']:.1f} |")
+    lines += ["", "| panoramas | first night s | without news s | 1 % changed s | "
+              "tiles the same |", "|---:|---:|---:|---:|---:|"]
+    for r in results:
+        lines.append(f"| {r['panoramas']} | {r['first_s']:.1f} | {r['quiet_s']:.1f} | "
+                     f"{r['second_s']:.1f} | {r['same_tiles']} of {r['tiles']} |")
+    text = "\n".join(lines) + "\n"
+    (options.out / "scale.md").write_text(text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
