@@ -23,7 +23,8 @@ Examples:
   panofix-builder delta map-41 map-42 --out city-41-42.pfb
 
 Exit codes: 0 done, 1 the quality gate does not hold, 64 wrong use, 65 bad data, 66 not found,
-74 disk, 76 bundle format not readable, 130 interrupted (run the same build again to resume).)";
+74 disk, 76 bundle format not readable, 77 not signed, 130 interrupted (run the same build again to
+resume).)";
 
 int Dispatch(int argc, char** argv) {
   CLI::App app("panofix-builder: map bundles from street panoramas");
