@@ -27,7 +27,8 @@ A build by stages, each a program, for builds that outgrow a machine (jobs/READM
   panofix-builder extract --work map.work --shard 120220013310321
 
 Exit codes: 0 done, 1 the quality gate does not hold, 64 wrong use, 65 bad data, 66 not found,
-74 disk, 75 a stage that may succeed another time, 76 bundle format not readable, 130 interrupted (run the same build again to resume).)";
+74 disk, 75 a stage that may succeed another time, 76 bundle format not readable, 77 not signed,
+130 interrupted (run the same build again to resume).)";
 
 int Dispatch(int argc, char** argv) {
   CLI::App app("panofix-builder: map bundles from street panoramas");

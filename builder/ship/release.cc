@@ -76,7 +76,12 @@ ReleaseStatement SignBundle(const fs::path& bundle, const SecretKey& key,
   statement.created_s = options.created_s;
   constexpr double kDay_s = 86400;
   statement.expires_s = options.created_s + std::llround(options.expires_days * kDay_s);
-  statement.revoked_keys = options.revoked_keys;
+  for (const std::string& text : options.revoked_keys) {
+    const auto id = KeyIdFromText(text);
+    if (!id)
+      throw Error(ErrorCode::kInvalidArgument, text + ": is no key id; give its 16 hex digits");
+    statement.revoked_keys.push_back(*id);
+  }
   if (!options.scores.empty()) statement.quality = ReadScores(options.scores);
   const std::string comment = ValueOrThrow(FormatStatement(statement));
   const std::string signature = key.Sign(verified.manifest.text, comment);

@@ -80,6 +80,17 @@ std::string KeyIdText(const std::array<std::uint8_t, 8>& id) {
   return text;
 }
 
+std::optional<std::string> KeyIdFromText(std::string text) {
+  for (char& c : text) {
+    if (c >= 'a' && c <= 'f') c = static_cast<char>(c - 'a' + 'A');
+  }
+  if (text.empty() || text.size() > 16 ||
+      text.find_first_not_of("0123456789ABCDEF") != std::string::npos) {
+    return std::nullopt;
+  }
+  return std::string(16 - text.size(), '0') + text;
+}
+
 Result<PublicKey> ParsePublicKey(std::string_view text, const std::string& name) {
   StartSodium();
   if (text.size() > kMaxFileBytes) return Bad(name, "too long for a public key", kKeyMend);

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -22,8 +23,10 @@ struct PublicKey {
   bool operator==(const PublicKey&) const = default;
 };
 
-// 16 upper-case hex digits, as minisign prints them.
+// 16 upper-case hex digits, as minisign prints them but for leading zeros.
 [[nodiscard]] std::string KeyIdText(const std::array<std::uint8_t, 8>& id);
+// The same from 1 to 16 hex digits as people paste them; nullopt otherwise.
+[[nodiscard]] std::optional<std::string> KeyIdFromText(std::string text);
 
 // The text of a .pub file (two lines), or its second line alone. kBadData; `name` is for messages.
 [[nodiscard]] Result<PublicKey> ParsePublicKey(std::string_view text, const std::string& name);

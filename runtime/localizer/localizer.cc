@@ -85,13 +85,14 @@ Result<std::unique_ptr<Localizer>> Localizer::Open(const std::filesystem::path& 
     if (!status.ok()) return status;
     auto map = MapBundle::Open(bundle, options.trusted_keys);
     if (!map.ok()) return map.status();
-    if (!(*map)->release()) {
+    std::unique_ptr<Localizer> localizer(
+        new Localizer(std::make_unique<Impl>(std::move(map).value(), camera, options)));
+    if (!localizer->bundle().is_signed) {
       LogWarning(bundle.string() +
                  ": the map's signature is not verified; for development only. Give --trusted-key, "
                  "or install the bundle into a store");
     }
-    return std::unique_ptr<Localizer>(
-        new Localizer(std::make_unique<Impl>(std::move(map).value(), camera, options)));
+    return localizer;
   } catch (const std::invalid_argument& error) {
     return Status(ErrorCode::kInvalidArgument, error.what());
   } catch (const std::exception& error) {

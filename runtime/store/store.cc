@@ -96,18 +96,19 @@ Status TrustKey(const StoreLayout& layout, const std::string& key_text,
   return WriteStoreKeys(layout, *keys);
 }
 
-Status RevokeKey(const StoreLayout& layout, const std::string& key_id) {
+Status RevokeKey(const StoreLayout& layout, const std::string& key_id_text) {
+  const auto key_id = KeyIdFromText(key_id_text);
+  if (!key_id) {
+    return {ErrorCode::kInvalidArgument,
+            key_id_text + ": is no key id; give its 16 hex digits, see panofix-runtime list"};
+  }
   const auto lock = StoreLock::Take(layout);
   if (!lock.ok()) return lock.status();
   auto keys = ReadStoreKeys(layout);
   if (!keys.ok()) return keys.status();
-  if (key_id.size() != 16 || key_id.find_first_not_of("0123456789ABCDEF") != std::string::npos) {
-    return {ErrorCode::kInvalidArgument,
-            key_id + ": is no key id; give its 16 upper-case hex digits, see panofix-runtime list"};
-  }
-  if (keys->ring.IsRevoked(key_id)) return {};
-  keys->ring.revoked.push_back(key_id);
-  const Status status = CheckRing(keys->ring, "revoking " + key_id);
+  if (keys->ring.IsRevoked(*key_id)) return {};
+  keys->ring.revoked.push_back(*key_id);
+  const Status status = CheckRing(keys->ring, "revoking " + *key_id);
   return status.ok() ? WriteStoreKeys(layout, *keys) : status;
 }
 

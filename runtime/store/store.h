@@ -32,7 +32,7 @@ class StoreLock {
 [[nodiscard]] Status TrustKey(const StoreLayout& layout, const std::string& key_text,
                               const std::string& signature_text, const std::string& name);
 // From now on nothing signed with this key is accepted. The last key in force cannot be revoked.
-[[nodiscard]] Status RevokeKey(const StoreLayout& layout, const std::string& key_id);
+[[nodiscard]] Status RevokeKey(const StoreLayout& layout, const std::string& key_id_text);
 
 // The manifest and release of an installed version, its signature verified. Parts are not looked
 // at.

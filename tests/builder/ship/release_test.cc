@@ -28,7 +28,7 @@ TEST_F(ReleaseTest, ASignedBundleOpensWithItsKeyAndKeepsItsId) {
   WriteText(folder_ / "score.json",
             R"({"share_fix": 0.5, "median_position_error_m": null, "frames": [1], "n": 3})");
   options_.scores = folder_ / "score.json";
-  options_.revoked_keys = {"00000000000000AA"};
+  options_.revoked_keys = {"aa"};  // minisign leaves leading zeros out
   options_.expires_days = 0.5;
   const ReleaseStatement said = SignBundle(folder_ / "b", key_, options_);
   const auto bundle = MapBundle::Open(folder_ / "b", Ring());
@@ -39,7 +39,7 @@ TEST_F(ReleaseTest, ASignedBundleOpensWithItsKeyAndKeepsItsId) {
   EXPECT_EQ(statement.name, "small");
   EXPECT_EQ(statement.created_s, 1800000000);
   EXPECT_EQ(statement.expires_s, 1800043200);
-  EXPECT_EQ(statement.revoked_keys, options_.revoked_keys);
+  EXPECT_EQ(statement.revoked_keys, std::vector<std::string>{"00000000000000AA"});
   EXPECT_EQ(statement.quality, (std::map<std::string, double>{{"share_fix", 0.5}, {"n", 3}}));
   EXPECT_EQ(said.expires_s, statement.expires_s);
   // Without a key to verify with it counts as unsigned.

@@ -65,6 +65,13 @@ TEST(Minisign, EveryFlippedBitOfASignatureIsFound) {
   EXPECT_FALSE(Verifies(kMessage, bad, key));
 }
 
+TEST(Minisign, KeyIdsArePastedInManyWays) {
+  EXPECT_EQ(KeyIdFromText("ACCD224A19AF94B9"), "ACCD224A19AF94B9");
+  EXPECT_EQ(KeyIdFromText("b1f33cf2d8bfdbf"), "0B1F33CF2D8BFDBF");
+  for (const char* text : {"", "x", "ACCD224A19AF94B90", "AC CD", "-1"})
+    EXPECT_FALSE(KeyIdFromText(text)) << text;
+}
+
 TEST(Minisign, AKeyMayStandWithoutItsComment) {
   const std::string text = kPublicKey;
   EXPECT_EQ(ParsePublicKey(text.substr(text.find('\n') + 1), "k").value(),
