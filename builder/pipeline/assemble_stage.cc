@@ -177,7 +177,7 @@ UnitReport Assemble(const BuildContext& context) {
   std::vector<SetAside> set_aside = context.plan.set_aside;
   for (const ExtractReceipt& shard : receipts.extracted)
     set_aside.insert(set_aside.end(), shard.set_aside.begin(), shard.set_aside.end());
-  if (!set_aside.empty()) RefuseTooManySetAside(context.plan, set_aside);
+  RefuseTooManySetAside(context.plan, set_aside);
 
   BundleContent content;
   Place(context, receipts, &content);

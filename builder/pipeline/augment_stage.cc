@@ -83,11 +83,11 @@ KeyParts KeyOf(const Neighbourhood& around, const std::vector<ExtractedPanorama>
     const ExtractedPanorama& member = panoramas[around.members[i]];
     // The content key holds the extraction's options too. Ranks are part of it: of equally near
     // sources the first is taken.
-    key.Add(member.record.id, Format("%zu ", i) + member.content_key);
-    key.Add(member.record.id + kPlaceOf,
-            Format("%.6f %.6f %.6f %.9f %.9f %.9f %.9f", pose.translation.x(), pose.translation.y(),
-                   pose.translation.z(), pose.rotation.x(), pose.rotation.y(), pose.rotation.z(),
-                   pose.rotation.w()));
+    key.AddPanorama(member.record.id, Format("%zu ", i) + member.content_key);
+    key.AddPlace(member.record.id,
+                 Format("%.6f %.6f %.6f %.9f %.9f %.9f %.9f", pose.translation.x(),
+                        pose.translation.y(), pose.translation.z(), pose.rotation.x(),
+                        pose.rotation.y(), pose.rotation.z(), pose.rotation.w()));
   }
   return key;
 }

@@ -112,6 +112,7 @@ void PlanBuild(BuildOptions options) {
   options.work = WorkOf(options);
   const BuildPlan plan = MakePlan(options);
   const WorkFolder work(options.work);
+  RemoveStale(work, options.out);
   UnitReport report;
   report.stage = "plan", report.unit = kAllUnit;
   report.run = StartRun(work);

@@ -177,8 +177,10 @@ void TakeRelease(const BuildOptions& options, const WorkFolder& work, BuildPlan*
 
 }  // namespace
 
-void RefuseTooManySetAside(const BuildPlan& plan, const std::vector<SetAside>& set_aside) {
-  const auto num_bad = static_cast<std::int64_t>(set_aside.size());
+void RefuseTooManySetAside(const BuildPlan& plan, const std::vector<SetAside>& set_aside,
+                           std::int64_t num_elsewhere) {
+  if (set_aside.empty()) return;
+  const auto num_bad = static_cast<std::int64_t>(set_aside.size()) + num_elsewhere;
   const double allowed = plan.options.max_set_aside_share * static_cast<double>(plan.num_stated);
   if (num_bad < plan.num_stated && static_cast<double>(num_bad) <= allowed) return;
   // The list is what helps now.
@@ -211,7 +213,7 @@ BuildPlan MakePlan(const BuildOptions& options) {
   plan.num_stated = static_cast<std::int64_t>(set.panoramas.size() + set.set_aside.size());
   CheckHeads(&set);
   plan.set_aside = set.set_aside;
-  if (!plan.set_aside.empty()) RefuseTooManySetAside(plan, plan.set_aside);
+  RefuseTooManySetAside(plan, plan.set_aside);
   Group(set.panoramas, &plan);
   ThrowIfError(MakeDirectories(work.root() / "plan", "--work"));
   WriteIfChanged(work.camera(), camera_yaml);

@@ -49,7 +49,9 @@ BuildPlan MakePlan(const BuildOptions& options);
 [[nodiscard]] std::vector<PanoramaRecord> ReadRecords(const WorkFolder& work, const BuildPlan& plan,
                                                       const std::string& shard);
 
-// Throws Error(kBadData) where `set_aside` are more than the allowed share of the data set.
-void RefuseTooManySetAside(const BuildPlan& plan, const std::vector<SetAside>& set_aside);
+// Throws Error(kBadData) where `set_aside`, and `num_elsewhere` more, are more than the allowed
+// share of the data set.
+void RefuseTooManySetAside(const BuildPlan& plan, const std::vector<SetAside>& set_aside,
+                           std::int64_t num_elsewhere = 0);
 
 }  // namespace panofix

@@ -6,6 +6,11 @@
 #include "common/io/sha256.h"
 
 namespace panofix {
+namespace {
+
+const std::string kPlaceOf = "place of panorama ";
+
+}  // namespace
 
 void KeyParts::Add(const std::string& name, std::string_view value) {
   const std::string digest = Sha256Hex(value);
@@ -13,6 +18,14 @@ void KeyParts::Add(const std::string& name, std::string_view value) {
     throw std::logic_error("KeyParts: '" + name + "' is given twice");
   constexpr std::size_t kShort = 12;  // for reasons, not for identity
   digests_[name] = digest.substr(0, kShort);
+}
+
+void KeyParts::AddPanorama(const std::string& id, std::string_view value) {
+  Add("panorama " + id, value);
+}
+
+void KeyParts::AddPlace(const std::string& id, std::string_view value) {
+  Add(kPlaceOf + id, value);
 }
 
 std::string KeyParts::Hex() const {
@@ -27,7 +40,7 @@ std::string WhyDifferent(const PartDigests& before, const PartDigests& now) {
   constexpr std::size_t kMostNamed = 3;
   // What came or went is the cause; what changed beside it is often its consequence.
   std::vector<std::string> reasons, changed;
-  const auto says_more = [](const std::string& name) { return !name.ends_with(kPlaceOf); };
+  const auto says_more = [](const std::string& name) { return !name.starts_with(kPlaceOf); };
   for (const auto& [name, digest] : before) {
     if (!now.contains(name) && says_more(name)) reasons.push_back(name + " is gone");
   }

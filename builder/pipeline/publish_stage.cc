@@ -63,7 +63,7 @@ StageReport SumUp(const BuildContext& context, Stage stage, const std::string& r
   for (const std::string& unit : UnitsOf(context.plan, stage)) {
     ++sum.num_units;
     hash.Update(unit + " " + ReceiptSha256(context.work, stage, unit) + "\n");
-    const auto of_unit = UnitReport::Parse(ReadText(context.work.report(stage, unit)));
+    const auto of_unit = FindReport(context.work, stage, unit);
     if (of_unit && of_unit->saturation) report->saturation = of_unit->saturation;
     if (of_unit && of_unit->run == run) {
       sum.Add(*of_unit);

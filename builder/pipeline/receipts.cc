@@ -76,6 +76,10 @@ Receipt ReadReceipt(const WorkFolder& work, Stage stage, const std::string& unit
   return std::move(*receipt);
 }
 
+std::optional<UnitReport> FindReport(const WorkFolder& work, Stage stage, const std::string& unit) {
+  return UnitReport::Parse(ReadText(work.report(stage, unit)));
+}
+
 std::string ReceiptSha256(const WorkFolder& work, Stage stage, const std::string& unit) {
   const std::string text = ReadText(work.receipt(stage, unit));
   return text.empty() ? "" : Sha256Hex(text);

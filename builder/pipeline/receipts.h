@@ -106,6 +106,10 @@ template <typename Receipt>
 [[nodiscard]] Receipt ReadReceipt(const WorkFolder& work, Stage stage, const std::string& unit,
                                   MadeFrom* made_from);
 
+// How the last run of a unit went, if there was one.
+[[nodiscard]] std::optional<UnitReport> FindReport(const WorkFolder& work, Stage stage,
+                                                   const std::string& unit);
+
 // SHA-256 of a receipt's file; empty where there is none.
 [[nodiscard]] std::string ReceiptSha256(const WorkFolder& work, Stage stage,
                                         const std::string& unit);

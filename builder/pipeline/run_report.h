@@ -30,6 +30,7 @@ struct UnitReport {
   std::string stage, unit, run;  // `run` names the plan's run
   double duration_s = 0;
   std::int64_t num_items = 0, num_new = 0, num_redone = 0;  // the rest was there
+  std::int64_t num_set_aside = 0;
   std::uint64_t num_bytes_written = 0, peak_memory_bytes = 0;
   std::vector<Redone> redone;  // with the reason
   std::optional<Saturation> saturation;

@@ -28,6 +28,18 @@ const PartDigests* Find(const Before& before, const std::string& id) {
   return found == before.end() ? nullptr : &found->second;
 }
 
+// Unusable panoramas that the other shards have found in this run.
+std::int64_t NumSetAsideElsewhere(const BuildContext& context, const std::string& shard) {
+  const std::string run = ReadRun(context.work);
+  std::int64_t num = 0;
+  for (const auto& [other, unused] : context.plan.shards) {
+    if (other == shard) continue;
+    const auto report = FindReport(context.work, Stage::kExtract, other);
+    if (report && report->run == run) num += report->num_set_aside;
+  }
+  return num;
+}
+
 bool IsUsable(const fs::path& words_file) {
   return fs::exists(words_file) && ReadWords(words_file).ok();
 }
@@ -38,10 +50,10 @@ UnitReport Extract(const BuildContext& context, const std::string& shard, Progre
   const std::vector<PanoramaRecord> records = ReadRecords(context.work, context.plan, shard);
   ExtractStageResult result = ExtractStage(records, context.rectifier, context.plan.options.extract,
                                            context.work, progress);
-  // This shard alone may show that the whole cannot be built.
+  // The shards so far may show that the whole cannot be built, before hours go into it.
   std::vector<SetAside> all_aside = context.plan.set_aside;
   all_aside.insert(all_aside.end(), result.set_aside.begin(), result.set_aside.end());
-  RefuseTooManySetAside(context.plan, all_aside);
+  RefuseTooManySetAside(context.plan, all_aside, NumSetAsideElsewhere(context, shard));
 
   Before before;
   if (const auto old = FindReceipt<ExtractReceipt>(context.work, Stage::kExtract, shard)) {
@@ -53,7 +65,8 @@ UnitReport Extract(const BuildContext& context, const std::string& shard, Progre
   for (const std::uint32_t i : result.made)
     report.AddRedone(result.panoramas[i].record.id, Find(before, result.panoramas[i].record.id),
                      result.panoramas[i].parts);
-  report.num_redone += static_cast<std::int64_t>(result.set_aside.size());  // looked at every time
+  report.num_set_aside = static_cast<std::int64_t>(result.set_aside.size());
+  report.num_redone += report.num_set_aside;  // looked at every time
   ExtractReceipt receipt;
   receipt.made_from = context.MadeFromPlan({shard});
   for (const ExtractedPanorama& p : result.panoramas)

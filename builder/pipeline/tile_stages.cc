@@ -121,9 +121,10 @@ KeyParts TileKey(const BuildContext& context, const TileRegion& t,
     const std::uint32_t m = members[i];
     const bool is_own = m >= t.begin && m < t.end;
     const ExtractedPanorama& p = t.region.panoramas[m];
-    key.Add(p.record.id, (is_own ? "own " : "halo ") + p.content_key + " " + t.station_keys[m] +
-                             " " + (is_own ? t.words_keys[m] : std::string()));
-    key.Add(p.record.id + kPlaceOf, PoseText(t.content.panoramas[m]));
+    key.AddPanorama(p.record.id, (is_own ? "own " : "halo ") + p.content_key + " " +
+                                     t.station_keys[m] + " " +
+                                     (is_own ? t.words_keys[m] : std::string()));
+    key.AddPlace(p.record.id, PoseText(t.content.panoramas[m]));
   }
   return key;
 }
@@ -286,7 +287,8 @@ UnitReport Similarity(const BuildContext& context, const std::string& tile) {
     key.Add("options", Format("%d %d", options.num_similar, context.plan.options.max_words));
     key.Add("vocabulary", weighed.parts.at("file"));
     key.Add("neighbours", who_sees_whom);
-    for (const std::uint32_t p : needed) key.Add(t.region.panoramas[p].record.id, t.words_keys[p]);
+    for (const std::uint32_t p : needed)
+      key.AddPanorama(t.region.panoramas[p].record.id, t.words_keys[p]);
     receipt.key = key.Hex(), receipt.parts = key.digests();
     const fs::path file = context.work.Content("similarity", receipt.key);
     if (!ReadSimilarityRows(file).ok()) {

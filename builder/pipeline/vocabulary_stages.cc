@@ -92,7 +92,7 @@ UnitReport Sample(const BuildContext& context, const std::string& shard) {
                             static_cast<unsigned long long>(options.seed)));
   std::vector<std::string> ids;
   for (const ExtractedPanorama& p : region.panoramas) {
-    key.Add(p.record.id, p.content_key);
+    key.AddPanorama(p.record.id, p.content_key);
     ids.push_back(p.record.id);
   }
   FileReceipt receipt{region.made_from, key.Hex(), key.digests()};

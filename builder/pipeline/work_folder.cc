@@ -1,8 +1,10 @@
 #include "builder/pipeline/work_folder.h"
 
+#include <chrono>
 #include <fstream>
 #include <sstream>
 #include <stdexcept>
+#include <vector>
 
 #include "common/io/atomic_file.h"
 
@@ -83,6 +85,26 @@ std::string ReadRun(const WorkFolder& work) {
   std::string run;
   std::getline(file, run);
   return run;
+}
+
+void RemoveStale(const WorkFolder& work, const fs::path& out) {
+  const auto long_ago = fs::file_time_type::clock::now() - std::chrono::hours(24);
+  std::vector<fs::path> stale;
+  std::error_code ignored;
+  const auto look_at = [&](const fs::path& path) {
+    const auto time = fs::last_write_time(path, ignored);
+    if (!ignored && time < long_ago) stale.push_back(path);
+  };
+  for (const auto& entry : fs::recursive_directory_iterator(
+           work.root(), fs::directory_options::skip_permission_denied, ignored)) {
+    if (entry.path().extension() == ".tmp") look_at(entry.path());
+  }
+  const std::string staging = out.filename().string() + ".staging-";
+  const fs::path folder = fs::absolute(out).parent_path();
+  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
+    if (entry.path().filename().string().starts_with(staging)) look_at(entry.path());
+  }
+  for (const fs::path& path : stale) fs::remove_all(path, ignored);
 }
 
 bool WriteIfChanged(const fs::path& path, const std::string& text) {

@@ -65,6 +65,10 @@ class WorkFolder {
 std::string StartRun(const WorkFolder& work);               // returns the new run's name
 [[nodiscard]] std::string ReadRun(const WorkFolder& work);  // empty where there was none
 
+// Removes what killed programs left a day ago or earlier: temporary files in the work folder, and
+// bundles being written beside `out`.
+void RemoveStale(const WorkFolder& work, const std::filesystem::path& out);
+
 // Writes `text` unless that is what the file holds; whether it did. Its folder is made. Throws
 // Error. What is not changed keeps its time, so that engines that look at times stay calm.
 bool WriteIfChanged(const std::filesystem::path& path, const std::string& text);

@@ -180,6 +180,38 @@ TEST_F(PlanTest, TooManyBadOnesStopItBeforeAnythingIsDecoded) {
   EXPECT_EQ(report["set_aside"].size(), 3U);
 }
 
+TEST_F(PlanTest, ShardsTogetherMayBeTooMuch) {
+  const BuildPlan plan = Plan();  // half of six may be bad
+  const std::vector<SetAside> one = {{"a", "broken"}};
+  EXPECT_NO_THROW(RefuseTooManySetAside(plan, one, 2));
+  EXPECT_THROW(RefuseTooManySetAside(plan, one, 3), Error);
+  EXPECT_NO_THROW(RefuseTooManySetAside(plan, {}, 0));
+}
+
+TEST_F(PlanTest, LeftoversOfYesterdayGo) {
+  (void)Plan();
+  const WorkFolder work(options_.work);
+  const auto make = [&](const fs::path& path, int hours_old) {
+    WriteText(path, "x");
+    const auto time = fs::file_time_type::clock::now() - std::chrono::hours(hours_old);
+    fs::last_write_time(path, time);
+    fs::last_write_time(path.parent_path(), time);
+  };
+  make(work.root() / "words" / ".k.h5.1-ab.tmp", 30);
+  make(work.root() / "tiles" / ".k.h5.1-ab.tmp", 1);
+  make(work.root() / "tiles" / "k.h5", 30);
+  make(folder_ / "map.staging-1-ab" / "graph.h5", 30);
+  make(folder_ / "map.staging-2-ab" / "graph.h5", 1);
+  make(folder_ / "other.staging-1-ab" / "graph.h5", 30);
+  RemoveStale(work, options_.out);
+  EXPECT_FALSE(fs::exists(work.root() / "words" / ".k.h5.1-ab.tmp"));
+  EXPECT_TRUE(fs::exists(work.root() / "tiles" / ".k.h5.1-ab.tmp"));
+  EXPECT_TRUE(fs::exists(work.root() / "tiles" / "k.h5"));
+  EXPECT_FALSE(fs::exists(folder_ / "map.staging-1-ab"));
+  EXPECT_TRUE(fs::exists(folder_ / "map.staging-2-ab"));
+  EXPECT_TRUE(fs::exists(folder_ / "other.staging-1-ab"));
+}
+
 TEST_F(PlanTest, ADamagedPlanAndForeignRecordsAreSaid) {
   const BuildPlan plan = Plan();
   const WorkFolder work(options_.work);

@@ -49,10 +49,25 @@ TEST(WhyDifferent, NamesWhatChangedCameAndWent) {
       WhyDifferent({}, Key({{"a", ""}, {"b", ""}, {"c", ""}, {"d", ""}, {"e", ""}}).digests()),
       "a is new, b is new, c is new and 2 more");
   // A place comes and goes with its panorama; that it moved is news.
-  const PartDigests placed = Key({{"p", "1"}, {"p's place", "1"}}).digests();
-  EXPECT_EQ(WhyDifferent({}, placed), "p is new");
-  EXPECT_EQ(WhyDifferent(placed, {}), "p is gone");
-  EXPECT_EQ(WhyDifferent(placed, Key({{"p", "1"}, {"p's place", "2"}}).digests()), "p's place");
+  const auto placed = [](const char* place) {
+    KeyParts key;
+    key.AddPanorama("p", "1");
+    key.AddPlace("p", place);
+    return key.digests();
+  };
+  EXPECT_EQ(WhyDifferent({}, placed("1")), "panorama p is new");
+  EXPECT_EQ(WhyDifferent(placed("1"), {}), "panorama p is gone");
+  EXPECT_EQ(WhyDifferent(placed("1"), placed("2")), "place of panorama p");
+}
+
+// Ids are free: none may pass for a part of another kind.
+TEST(KeyParts, IdsMeetNoOtherNames) {
+  KeyParts key;
+  for (const char* name : {"options", "program"}) key.Add(name, "");
+  for (const char* id : {"options", "program", "p", "panorama p", "place of panorama p", ""}) {
+    EXPECT_NO_THROW(key.AddPanorama(id, ""));
+    EXPECT_NO_THROW(key.AddPlace(id, ""));
+  }
 }
 
 }  // namespace
