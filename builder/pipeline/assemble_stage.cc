@@ -204,8 +204,11 @@ UnitReport Assemble(const BuildContext& context) {
   }
   std::sort(receipt.parts.begin(), receipt.parts.end(),
             [](const auto& a, const auto& b) { return a.path < b.path; });
-  for (const AssembleReceipt::Part& part : receipt.parts)
+  for (const AssembleReceipt::Part& part : receipt.parts) {
     manifest.parts.push_back({part.path, part.content.num_bytes, part.content.sha256});
+    // A vocabulary goes by its hash: a reused release keeps its own.
+    if (part.path == "vocabulary.h5") manifest.vocabulary_release = "sha256:" + part.content.sha256;
+  }
   manifest.num_panoramas = static_cast<std::int64_t>(content.panoramas.size());
   manifest.views_per_station = static_cast<int>(content.directions.size());
   manifest.num_stations = static_cast<std::int64_t>(content.stations.size());
