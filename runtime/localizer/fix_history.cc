@@ -24,8 +24,9 @@ void FixHistory::Advance(std::int64_t now_ns) {
 
 void FixHistory::Add(std::int64_t now_ns, const Rigid3& map_from_cam,
                      const std::vector<std::uint32_t>& views, bool degraded) {
-  seeds_.assign(views.begin(), views.begin() + static_cast<std::ptrdiff_t>(
-                                                   std::min(views.size(), options_.max_seeds)));
+  if (!views.empty())
+    seeds_.assign(views.begin(), views.begin() + static_cast<std::ptrdiff_t>(
+                                                     std::min(views.size(), options_.max_seeds)));
   last_fix_ns_ = now_ns;
   if (degraded) {
     poses_.clear();

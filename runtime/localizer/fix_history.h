@@ -22,8 +22,8 @@ class FixHistory {
   // Drops what is too old for a frame at `now_ns`, or lies in its future. Call it first for each
   // frame.
   void Advance(std::int64_t now_ns);
-  // A fix of the frame at `now_ns`; `views` best first. A degraded one opens the next window, but
-  // predicts nothing.
+  // A fix of the frame at `now_ns`; `views` best first, none = those of the fix before. A degraded
+  // one opens the next window, but predicts nothing.
   void Add(std::int64_t now_ns, const Rigid3& map_from_cam, const std::vector<std::uint32_t>& views,
            bool degraded);
   // Whether a fix is young enough to predict from, degraded ones left out.

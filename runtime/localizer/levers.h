@@ -9,7 +9,7 @@ namespace panofix {
 // All false: the paper's on-line part to the letter.
 struct Levers {
   bool mutual = false, ranked = false, pooled = false, sigmas = false, gates = false;
-  bool votes = false, guided = false, tracking = false;
+  bool votes = false, guided = false, tracking = false, bridging = false;
   bool exhaustive = false;  // no preset's: what a window spares is measured against it
 };
 

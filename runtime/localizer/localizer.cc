@@ -26,7 +26,7 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
     return;
   }
   if (!levers.tracking) return RunUntracked(image, features, result);
-  if (Track(features, result)) return;
+  if (Track(features, result) || Bridge(features, result)) return;
   const BagOfWords bag = MakeBag(image, features, &result->latency);
   // Where the vehicle must be first; the whole map where that fails.
   for (const bool windowed : {true, false}) {

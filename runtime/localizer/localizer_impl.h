@@ -14,6 +14,8 @@
 #include "runtime/localizer/fix_history.h"
 #include "runtime/localizer/localizer.h"
 #include "runtime/localizer/past_frames.h"
+#include "runtime/localizer/rival_watch.h"
+#include "runtime/pose/bridge.h"
 #include "runtime/pose/pose_estimator.h"
 #include "runtime/retrieval/retrieval.h"
 #include "runtime/tracking/place_filter.h"
@@ -68,6 +70,8 @@ struct Localizer::Impl {
                      StageLatency* latency) const;
   [[nodiscard]] std::vector<Rigid3> Predict(std::int64_t now_ns, const LocalFrame& local) const;
   bool Track(const FrameFeatures& features, FrameResult* result);
+  // Carries on from what the last frames saw, where the map alone does not.
+  bool Bridge(const FrameFeatures& features, FrameResult* result);
   [[nodiscard]] PoseContext Context(const FrameFeatures& features, const LocalFrame& local) const;
   // Panoramas that hold most of the belief; empty where it is spread too far.
   [[nodiscard]] std::vector<std::uint32_t> Window() const;
@@ -78,9 +82,16 @@ struct Localizer::Impl {
   // Takes a trusted outcome as the frame's answer; false where it is not trusted.
   bool Accept(const FrameFeatures& features, const PoseOutcome& outcome, const LocalFrame& local,
               FrameResult* result);
-  // Whether the map has no second of what the pose rests on.
+  // Whether the map has no second of what the frame shows, as far as the run of frames tells.
   [[nodiscard]] bool IsDistinct(const FrameFeatures& features, const PoseOutcome& outcome,
                                 const LocalFrame& local);
+  // Poses of the views elsewhere that the frame's landmarks speak for, most votes first.
+  [[nodiscard]] std::vector<Rigid3> PlacesElsewhere(const FrameFeatures& features,
+                                                    const Rigid3& cam_from_local,
+                                                    const LocalFrame& local) const;
+  // Keeps a pose for the next frames.
+  void Remember(const FrameFeatures& features, const PoseOutcome& outcome, bool is_distinct,
+                const FrameResult* result);
   void Advance(std::int64_t now_ns);
   void Run(const GrayImage& frame, FrameResult* result);  // result->timestamp_ns is set
   void RunUntracked(const GrayImage& image, const FrameFeatures& features, FrameResult* result);
@@ -103,8 +114,9 @@ struct Localizer::Impl {
   std::unique_ptr<tbb::global_control> thread_limit;
   FixHistory history;
   CalibrationWatch calibration;
-  LandmarkVotes::AliasVotes run_votes;  // of the run of fixes that history follows
+  RivalWatch rivals;
   PastFrames past;
+  RecentFrames recent;
 };
 
 }  // namespace panofix

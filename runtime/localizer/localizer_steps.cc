@@ -1,6 +1,7 @@
 // The steps of a frame.
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "common/base/log.h"
@@ -14,6 +15,7 @@ namespace {
 constexpr double kWindowShare = 0.8;  // of the belief on the map
 constexpr std::size_t kWindowPanoramas = 12;
 constexpr double kWindowBelief = 0.5;  // that all of them must hold
+constexpr float kRivalVotes = 0.4F;    // of the votes at the pose's own place: fewer are no rival
 constexpr double kPriorRadius_m =
     15;  // belief within speaks for a place: panoramas stand this far apart
 
@@ -68,7 +70,35 @@ bool Localizer::Impl::Track(const FrameFeatures& features, FrameResult* result) 
   const PoseOutcome outcome =
       TrackPose(Context(features, local), Predict(result->timestamp_ns, local));
   result->latency.pose_ms += watch.Lap();
+  if (outcome.trusted && outcome.num_inliers < pose_options.weak_inliers &&
+      Bridge(features, result)) {
+    return true;
+  }
   return !outcome.degraded && Accept(features, outcome, local, result);
+}
+
+bool Localizer::Impl::Bridge(const FrameFeatures& features, FrameResult* result) {
+  if (!levers.bridging || levers.exhaustive || !pose_options.use_guided ||
+      !history.HasRecentFix()) {
+    return false;
+  }
+  Stopwatch watch;
+  const LocalFrame local =
+      LocalFrame::At(bundle->panoramas()[bundle->views()[history.seeds().front()].panorama_idx]);
+  PoseOutcome outcome =
+      BridgePose(Context(features, local), recent.Triangulate(camera, local, pose_options.guided),
+                 Predict(result->timestamp_ns, local));
+  result->latency.pose_ms += watch.Lap();
+  if (!outcome.trusted || rivals.IsAmbiguous()) return false;
+  rivals.Pass();
+  result->num_inliers = outcome.num_inliers;
+  result->reason = outcome.reason;
+  Fill(outcome, local, result);
+  const auto nearest = stations.Near(result->pose->position_in_map, pose_options.max_distance_m, 1);
+  if (!nearest.empty())
+    result->best_panorama = bundle->panoramas()[bundle->stations()[nearest[0]].panorama_idx].id;
+  Remember(features, outcome, true, result);
+  return true;
 }
 
 PoseContext Localizer::Impl::Context(const FrameFeatures& features, const LocalFrame& local) const {
@@ -143,23 +173,67 @@ void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local,
   result->status = outcome.degraded ? FixStatus::kDegraded : FixStatus::kFix;
 }
 
+std::vector<Rigid3> Localizer::Impl::PlacesElsewhere(const FrameFeatures& features,
+                                                     const Rigid3& cam_from_local,
+                                                     const LocalFrame& local) const {
+  const std::vector<float> votes = retrieval.Votes(features.sift, features.bearings, camera);
+  std::vector<std::pair<float, std::uint32_t>> elsewhere;
+  std::vector<Rigid3> poses;
+  const auto is_near = [&](const Rigid3& a, const Rigid3& b) {
+    return (CentreOf(a) - CentreOf(b)).norm() < pose_options.rival_place_m &&
+           AngleBetween(a.rotation, b.rotation) < pose_options.elsewhere_rad;
+  };
+  float own = 0;
+  for (std::uint32_t v = 0; v < votes.size(); ++v) {
+    if (!(votes[v] > 0)) continue;
+    if (is_near(PoseOfView(*bundle, local, v), cam_from_local)) {
+      own = std::max(own, votes[v]);
+    } else {
+      elsewhere.emplace_back(-votes[v], v);
+    }
+  }
+  std::sort(elsewhere.begin(), elsewhere.end());
+  for (const auto& [negative_votes, v] : elsewhere) {
+    if (-negative_votes < kRivalVotes * own ||
+        static_cast<int>(poses.size()) == pose_options.max_rivals) {
+      break;
+    }
+    const Rigid3 pose = PoseOfView(*bundle, local, v);
+    const bool is_known = std::any_of(poses.begin(), poses.end(),
+                                      [&](const Rigid3& other) { return is_near(pose, other); });
+    if (!is_known) poses.push_back(pose);
+  }
+  return poses;
+}
+
 bool Localizer::Impl::IsDistinct(const FrameFeatures& features, const PoseOutcome& outcome,
                                  const LocalFrame& local) {
-  LandmarkVotes::Support support;
-  support.keypoint_idx = outcome.agreed_keypoints;
-  for (const Correspondence& match : outcome.agreed)
-    support.points_in_map.push_back(local.ToMap(match.point_in_map));
-  const LandmarkVotes::AliasVotes votes =
-      retrieval.VotesElsewhere({{}, features.sift, features.bearings, camera}, support);
-  const bool is_run = history.HasRecentFix() && run_votes.own > 0;
-  // Votes add up over a run; older ones fade.
-  constexpr double kKept = 0.7;
-  const double kept = is_run ? kKept : 0;
-  run_votes = {kept * run_votes.own + votes.own, kept * run_votes.elsewhere + votes.elsewhere};
-  LogDebug(Format("votes elsewhere %.2f of %.2f, of the run %.2f of %.2f", votes.elsewhere,
-                  votes.own, run_votes.elsewhere, run_votes.own));
-  return run_votes.elsewhere <
-         run_votes.own * (is_run ? pose_options.max_alias_share : pose_options.find_alias_share);
+  if (!rivals.IsDue()) {
+    rivals.Pass();
+    return !rivals.IsAmbiguous();
+  }
+  const double elsewhere =
+      SupportElsewhere(Context(features, local), outcome.cam_from_local,
+                       PlacesElsewhere(features, outcome.cam_from_local, local));
+  rivals.Add(outcome.support, std::max(elsewhere, outcome.rival_support));
+  LogDebug(
+      Format("rival %.3f of %.3f, of the run %.2f", elsewhere, outcome.support, rivals.Share()));
+  return !rivals.IsAmbiguous();
+}
+
+void Localizer::Impl::Remember(const FrameFeatures& features, const PoseOutcome& outcome,
+                               bool is_distinct, const FrameResult* result) {
+  const Rigid3 map_from_cam(result->pose->map_from_cam, result->pose->position_in_map);
+  history.Add(result->timestamp_ns, map_from_cam, outcome.views, outcome.degraded);
+  if (!is_distinct) return;  // it may be followed, not built upon
+  // A weak pose that nothing has confirmed is no ground for a bridge: its error would travel on.
+  if (outcome.num_inliers < pose_options.weak_inliers) {
+    recent.Clear();
+  } else if (!outcome.degraded) {
+    recent.Add(result->timestamp_ns, map_from_cam, outcome, features);
+  }
+  places.UpdateFix(map_from_cam.translation,
+                   std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()));
 }
 
 bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& outcome,
@@ -167,15 +241,14 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
   result->reason = outcome.reason;
   result->num_inliers = outcome.num_inliers;
   result->num_views = static_cast<int>(outcome.views.size());
+  if (outcome.reason == "ambiguous_place") rivals.Add(outcome.support, outcome.rival_support);
   if (!outcome.trusted) return false;
   // What the map has twice tells no place, however well it is matched; it may be followed, not
   // told.
   const bool is_distinct = !levers.tracking || IsDistinct(features, outcome, local);
   Fill(outcome, local, result);
   result->best_panorama = bundle->panoramas()[bundle->views()[outcome.best_view].panorama_idx].id;
-  history.Add(result->timestamp_ns,
-              Rigid3(result->pose->map_from_cam, result->pose->position_in_map), outcome.views,
-              outcome.degraded);
+  Remember(features, outcome, is_distinct, result);
   if (!is_distinct) {
     result->status = FixStatus::kNoFix;
     result->reason = "ambiguous_place";
@@ -188,8 +261,6 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
              Rigid3(result->pose->map_from_cam, result->pose->position_in_map), outcome.agreed,
              pose_options.past_frames);
   }
-  places.UpdateFix(result->pose->position_in_map,
-                   std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()));
   if (levers.guided && !outcome.degraded && calibration.IsOff()) {
     result->status = FixStatus::kDegraded;
     result->reason = "calibration_off";
@@ -201,6 +272,8 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
 
 void Localizer::Impl::Advance(std::int64_t now_ns) {
   history.Advance(now_ns);
+  rivals.Advance();
+  recent.Advance(now_ns);
   past.Advance(now_ns, pose_options.past_age_s);
   if (has_last_frame)
     places.Predict(1e-9 * (static_cast<double>(now_ns) - static_cast<double>(last_frame_ns)));

@@ -7,13 +7,11 @@
 #include "runtime/pose/match_pool.h"
 
 namespace panofix {
-namespace {
 
 double PositionSigma_m(const PoseOutcome& outcome) {
   return std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace());
 }
 
-// Where the camera would be against the map's panoramas and a vehicle's attitude, or "".
 std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bundle,
                              const LocalFrame& local, const PoseOptions& options) {
   double nearest_m = 1e9, height_off_m = 0;
@@ -34,7 +32,11 @@ std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bund
   return "";
 }
 
-}  // namespace
+bool HasPlenty(const PoseOutcome& outcome, const PoseOptions& options) {
+  return outcome.num_inliers >= options.plenty_inliers &&
+         outcome.support >= options.plenty_support &&
+         outcome.over_chance >= options.plenty_over_chance;
+}
 
 std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local,
                        const PoseOptions& options) {
@@ -42,7 +44,7 @@ std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, cons
   // Comparisons are written so that NaN fails.
   if (!(outcome.spread >= options.min_spread)) return "inliers_clustered";
   if (outcome.num_inliers < options.min_lead * outcome.num_elsewhere) return "ambiguous_place";
-  if (options.use_guided &&
+  if (options.use_guided && !HasPlenty(outcome, options) &&
       !(outcome.support >= options.min_support && outcome.over_chance >= options.min_over_chance)) {
     return "landmarks_missing";
   }
@@ -52,11 +54,12 @@ std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, cons
 }
 
 void DegradeDoubtful(const PoseOptions& options, PoseOutcome* outcome) {
-  const double least_agreement = outcome->over_chance < options.sure_over_chance
+  const bool plenty = HasPlenty(*outcome, options);
+  const double least_agreement = outcome->over_chance < options.sure_over_chance && !plenty
                                      ? options.sure_agreement
                                      : options.fix_agreement;
-  if (options.use_guided &&
-      (outcome->agreement < least_agreement || outcome->over_chance < options.fix_over_chance)) {
+  if (options.use_guided && (outcome->agreement < least_agreement ||
+                             (outcome->over_chance < options.fix_over_chance && !plenty))) {
     outcome->degraded = true;
     outcome->reason = "landmarks_disagree";
     outcome->covariance *= options.degraded_sigma_factor * options.degraded_sigma_factor;

@@ -10,9 +10,20 @@
 
 namespace panofix {
 
+// Whether a pose is so well supported that its ratio to chance need not be high.
+[[nodiscard]] bool HasPlenty(const PoseOutcome& outcome, const PoseOptions& options);
+
 // The first gate that a candidate fails, as a reason word, or "".
 [[nodiscard]] std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle,
                                      const LocalFrame& local, const PoseOptions& options);
+
+// Where the camera would be against the map's panoramas and a vehicle's attitude, as a reason word,
+// or "".
+[[nodiscard]] std::string ImplausiblePlace(const Rigid3& local_from_cam, const MapBundle& bundle,
+                                           const LocalFrame& local, const PoseOptions& options);
+
+// 1 sigma of the horizontal position, both axes together.
+[[nodiscard]] double PositionSigma_m(const PoseOutcome& outcome);
 
 // Marks a trusted pose as degraded, with its reason and wider sigmas, where it is only good for
 // that.

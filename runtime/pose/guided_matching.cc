@@ -97,33 +97,6 @@ std::optional<Prediction> Predict(const ReadyLandmark& landmark, const Camera& c
   return Prediction{*px, size_px, double{landmark.angle_deg} + roll_deg};
 }
 
-// The candidate nearest in descriptor, unless another one elsewhere comes near it; or -1.
-int BestOfWindow(const FrameFeatures& frame, const std::vector<int>& candidates,
-                 const Prediction& at, const std::uint8_t* descriptor,
-                 const GuidedOptions& options) {
-  constexpr float kSamePlace_px = 4;  // keypoints so near are one structure at two scales
-  const double limit_sq = options.max_descriptor_distance * options.max_descriptor_distance;
-  std::vector<std::pair<int, int>> near;  // squared distance, keypoint
-  for (const int k : candidates) {
-    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
-    if (!IsShapedLike(keypoint, at.size_px, at.angle_deg, options)) continue;
-    const int distance_sq =
-        DescriptorDistanceSq(descriptor, frame.sift.descriptor(static_cast<std::size_t>(k)).data());
-    near.emplace_back(distance_sq, k);
-  }
-  if (near.empty()) return -1;
-  const auto best = *std::min_element(near.begin(), near.end());
-  if (best.first > limit_sq) return -1;
-  const Keypoint& chosen = frame.sift.keypoints[static_cast<std::size_t>(best.second)];
-  for (const auto& [distance_sq, k] : near) {
-    const Keypoint& other = frame.sift.keypoints[static_cast<std::size_t>(k)];
-    const bool elsewhere =
-        std::hypot(other.x_px - chosen.x_px, other.y_px - chosen.y_px) > kSamePlace_px;
-    if (elsewhere && best.first > options.max_ratio * options.max_ratio * distance_sq) return -1;
-  }
-  return best.second;
-}
-
 void Append(const FrameFeatures& frame, const Camera& camera, const ReadyLandmark& landmark, int k,
             ViewMatches* matches) {
   const auto found = static_cast<std::size_t>(k);
@@ -203,6 +176,31 @@ void KeypointGrid::Within(const Eigen::Vector2d& px, double radius_px,
   }
 }
 
+int BestOfWindow(const FrameFeatures& frame, const std::vector<int>& candidates, double size_px,
+                 double angle_deg, const std::uint8_t* descriptor, const GuidedOptions& options) {
+  constexpr float kSamePlace_px = 4;  // keypoints so near are one structure at two scales
+  const double limit_sq = options.max_descriptor_distance * options.max_descriptor_distance;
+  std::vector<std::pair<int, int>> near;  // squared distance, keypoint
+  for (const int k : candidates) {
+    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
+    if (!IsShapedLike(keypoint, size_px, angle_deg, options)) continue;
+    const int distance_sq =
+        DescriptorDistanceSq(descriptor, frame.sift.descriptor(static_cast<std::size_t>(k)).data());
+    near.emplace_back(distance_sq, k);
+  }
+  if (near.empty()) return -1;
+  const auto best = *std::min_element(near.begin(), near.end());
+  if (best.first > limit_sq) return -1;
+  const Keypoint& chosen = frame.sift.keypoints[static_cast<std::size_t>(best.second)];
+  for (const auto& [distance_sq, k] : near) {
+    const Keypoint& other = frame.sift.keypoints[static_cast<std::size_t>(k)];
+    const bool elsewhere =
+        std::hypot(other.x_px - chosen.x_px, other.y_px - chosen.y_px) > kSamePlace_px;
+    if (elsewhere && best.first > options.max_ratio * options.max_ratio * distance_sq) return -1;
+  }
+  return best.second;
+}
+
 GuidedMatches MatchGuided(const FrameFeatures& frame, const KeypointGrid& grid,
                           const Camera& camera, const std::vector<ReadyLandmark>& landmarks,
                           const Rigid3& cam_from_local, const Matrix6d& covariance,
@@ -256,7 +254,8 @@ ViewMatches MatchAround(const FrameFeatures& frame, const KeypointGrid& grid, co
       if (!at) continue;
       candidates.clear();
       grid.Within(at->px, radius_px, &candidates);
-      const int k = BestOfWindow(frame, candidates, *at, landmarks[i].descriptor.data(), options);
+      const int k = BestOfWindow(frame, candidates, at->size_px, at->angle_deg,
+                                 landmarks[i].descriptor.data(), options);
       if (k >= 0) Append(frame, camera, landmarks[i], k, &parts[part]);
     }
   });

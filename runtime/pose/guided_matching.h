@@ -55,6 +55,12 @@ class KeypointGrid {
   std::vector<int> keypoints_;
 };
 
+// Of the candidate keypoints shaped as told the one nearest in descriptor, unless another one
+// elsewhere comes near it (options.max_ratio); or -1.
+[[nodiscard]] int BestOfWindow(const FrameFeatures& frame, const std::vector<int>& candidates,
+                               double size_px, double angle_deg, const std::uint8_t* descriptor,
+                               const GuidedOptions& options);
+
 // Landmarks searched around their projections. At a right pose a good share of the visible ones is
 // found; at a wrong one, nearly none: num_found / num_visible is evidence that retrieval and
 // consensus do not share. Needs RootSIFT descriptors.

@@ -47,7 +47,7 @@ bool IsRepeat(const Rigid3& pose, const std::vector<Rigid3>& poses, double dista
 // A pose that nothing foretold needs more evidence than one that was.
 bool IsSureFind(const PoseOutcome& outcome, const PoseOptions& options) {
   return outcome.num_inliers >= options.find_inliers && outcome.support >= options.find_support &&
-         outcome.over_chance >= options.find_over_chance &&
+         (outcome.over_chance >= options.find_over_chance || HasPlenty(outcome, options)) &&
          outcome.coverage >= options.find_coverage;
 }
 
@@ -131,7 +131,8 @@ class Candidates {
   }
 
   [[nodiscard]] bool IsElsewhere(const Rigid3& pose, const Rigid3& from) const {
-    return (CentreOf(pose) - CentreOf(from)).norm() > context_.options.elsewhere_m;
+    return (CentreOf(pose) - CentreOf(from)).norm() > context_.options.elsewhere_m ||
+           AngleBetween(pose.rotation, from.rotation) > context_.options.elsewhere_rad;
   }
 
  private:
@@ -265,6 +266,18 @@ PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& pre
   }
   if (best.trusted) DegradeDoubtful(context.options, &best);
   return best;
+}
+
+double SupportElsewhere(const PoseContext& context, const Rigid3& pose,
+                        const std::vector<Rigid3>& roughs) {
+  Candidates candidates(context, "no_consensus");
+  for (const Rigid3& rough : roughs)
+    ConsiderAround(context, rough, context.options.around_view_px, {}, &candidates);
+  double support = 0;
+  for (const PoseOutcome& c : candidates.all()) {
+    if (candidates.IsElsewhere(c.cam_from_local, pose)) support = std::max(support, c.support);
+  }
+  return support;
 }
 
 }  // namespace panofix

@@ -33,6 +33,7 @@ struct PoseOptions {
   double min_spread = 0.05;  // of the inliers over the image: 1 = uniform (see ImageSpread)
   double min_lead = 1.5;     // inliers over those of the best pose elsewhere: look-alikes end here
   double elsewhere_m = 4.0;  // what counts as elsewhere
+  double elsewhere_rad = 1;  // or as another direction: a street may look alike from both ends
   // A pose elsewhere with this share of the support is a look-alike: no fix, unless the past tells
   // them apart: a place with less than this share of the other's prior is out of the question.
   double min_prior_share = 0.05;
@@ -42,10 +43,7 @@ struct PoseOptions {
   double find_support = 0.08;
   double find_over_chance = 8;
   double find_coverage = 0.35;
-  // What the map has twice tells no place: the share of votes that a pose's keypoints gather
-  // elsewhere (LandmarkVotes::VotesElsewhere), of the first pose of a run and of the run so far.
-  double find_alias_share = 0.25;
-  double max_alias_share = 0.38;
+  int weak_inliers = 50;         // a tracked pose with fewer is joined to what the last frames saw
   double max_track_shift_m = 4;  // of a pose from the prediction that led to it
   double max_rival_share = 0.35;
   int max_rivals = 4;     // poses elsewhere that are looked at
@@ -60,6 +58,12 @@ struct PoseOptions {
   // chance.
   double min_support = 0.03;
   double min_over_chance = 4.0;
+  // Where texture repeats (brick, paving) chance is high however right the pose is. So many inliers
+  // with that much support, this far over chance, were not seen at a wrong pose but in look-alikes,
+  // which are told by their rivals.
+  int plenty_inliers = 60;
+  double plenty_support = 0.15;
+  double plenty_over_chance = 2.5;
   // A trusted pose is only degraded where few of the guided matches agree with it, or not many
   // while chance is near: the map's geometry is wrong there in a way that no residual shows. Its
   // sigmas grow tenfold.
@@ -98,6 +102,7 @@ struct PoseOutcome {
   double agreement = 0;              // share of the guided matches that agree with the pose
   int num_elsewhere = 0;             // inliers of the best pose elsewhere, before guided matching
   double rival_support = 0;          // support of the best pose elsewhere
+  double unmapped_m = 0;             // way since landmarks of the map last had a say
   std::vector<std::uint32_t> views;  // views with inliers, most first
   std::uint32_t best_view = 0;
   std::vector<int> agreed_keypoints;   // of the frame, one a match of `agreed`

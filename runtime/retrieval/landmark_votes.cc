@@ -157,26 +157,4 @@ std::vector<float> LandmarkVotes::Score(const FeatureSet& sift,
   return Count(std::move(votes));
 }
 
-LandmarkVotes::AliasVotes LandmarkVotes::VotesElsewhere(const FeatureSet& sift,
-                                                        std::span<const Eigen::Vector2d> bearings,
-                                                        const Camera& camera,
-                                                        const Support& support) const {
-  constexpr float kSamePlace_m = 3;  // farther apart two landmarks are two things
-  std::vector<std::vector<Vote>> own(support.keypoint_idx.size()), elsewhere(own.size());
-  tbb::parallel_for(std::size_t{0}, own.size(), [&](std::size_t i) {
-    const auto k = static_cast<std::size_t>(support.keypoint_idx[i]);
-    const Eigen::Vector3f point = local_.FromMap(support.points_in_map[i]).cast<float>();
-    ForEachAlike(sift, k, [&](std::uint32_t id, float weight) {
-      const bool is_own = (points_[id] - point).norm() < kSamePlace_m;
-      VoteFor(sift.keypoints[k], bearings[k], camera.fx_px, id, weight, {},
-              is_own ? &own[i] : &elsewhere[i]);
-    });
-  });
-  const auto most = [&](std::vector<std::vector<Vote>> votes) {
-    const std::vector<float> scores = Count(std::move(votes));
-    return double{*std::max_element(scores.begin(), scores.end())};
-  };
-  return {most(std::move(own)), most(std::move(elsewhere))};
-}
-
 }  // namespace panofix

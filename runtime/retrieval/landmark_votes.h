@@ -38,21 +38,6 @@ class LandmarkVotes {
                                          const Camera& camera,
                                          const std::vector<char>& wanted) const;
 
-  // What a pose rests on: keypoints, and where the landmarks that they show lie in the map.
-  struct Support {
-    std::vector<int> keypoint_idx;
-    std::vector<Eigen::Vector3d> points_in_map;  // one a keypoint
-  };
-  // Most votes that the support gathers for any view: through the landmarks it shows, and through
-  // others elsewhere in the map. Their ratio is near 0 in a street of its own, near 1 where what is
-  // seen is repeated, a look-alike.
-  struct AliasVotes {
-    double own = 0, elsewhere = 0;
-  };
-  [[nodiscard]] AliasVotes VotesElsewhere(const FeatureSet& sift,
-                                          std::span<const Eigen::Vector2d> bearings,
-                                          const Camera& camera, const Support& support) const;
-
  private:
   // Calls visit(landmark, weight) for the landmarks that look like a keypoint.
   template <typename Visit>

@@ -119,10 +119,11 @@ RetrievalResult Retrieval::BestAndItsRow(const std::vector<float>& similarities)
   return result;
 }
 
-LandmarkVotes::AliasVotes Retrieval::VotesElsewhere(const RetrievalQuery& query,
-                                                    const LandmarkVotes::Support& support) const {
-  if (votes_ == nullptr) return {1, 0};
-  return votes_->VotesElsewhere(query.sift, query.bearings, query.camera, support);
+std::vector<float> Retrieval::Votes(const FeatureSet& sift,
+                                    std::span<const Eigen::Vector2d> bearings,
+                                    const Camera& camera) const {
+  if (votes_ == nullptr) return {};
+  return votes_->Score(sift, bearings, camera, {});
 }
 
 }  // namespace panofix

@@ -57,9 +57,10 @@ class Retrieval {
   [[nodiscard]] RetrievalResult InRows(const RetrievalQuery& query,
                                        std::span<const std::uint32_t> around, bool ranked) const;
 
-  // LandmarkVotes::VotesElsewhere; all its own where landmarks do not vote.
-  [[nodiscard]] LandmarkVotes::AliasVotes VotesElsewhere(
-      const RetrievalQuery& query, const LandmarkVotes::Support& support) const;
+  // LandmarkVotes::Score of all views, without words; empty where landmarks do not vote.
+  [[nodiscard]] std::vector<float> Votes(const FeatureSet& sift,
+                                         std::span<const Eigen::Vector2d> bearings,
+                                         const Camera& camera) const;
 
  private:
   [[nodiscard]] RetrievalResult BestAndItsRow(const std::vector<float>& similarities) const;

@@ -26,9 +26,9 @@ std::string FaultOf(const std::string& preset, const std::vector<std::string>& a
 TEST(ResolveLevers, PresetsAreTheEndsOfTheLadder) {
   const Levers paper = ResolveLevers("paper", {}), all = ResolveLevers("default", {});
   EXPECT_FALSE(paper.mutual || paper.ranked || paper.pooled || paper.sigmas || paper.gates ||
-               paper.votes || paper.guided || paper.tracking || paper.exhaustive);
+               paper.votes || paper.guided || paper.tracking || paper.bridging || paper.exhaustive);
   EXPECT_TRUE(all.mutual && all.ranked && all.pooled && all.sigmas && all.gates && all.votes &&
-              all.guided && all.tracking);
+              all.guided && all.tracking && all.bridging);
   EXPECT_FALSE(all.exhaustive);
 }
 
@@ -51,10 +51,10 @@ TEST(ResolveLevers, FaultsNameTheLever) {
 
 TEST(LeverHelp, NamesEveryLever) {
   for (const char* name : {"mutual", "ranked", "pooled", "sigmas", "gates", "votes", "guided",
-                           "tracking", "exhaustive"}) {
+                           "tracking", "bridging", "exhaustive"}) {
     EXPECT_THAT(LeverHelp(), HasSubstr(std::string("  ") + name + ": "));
     if (std::string(name) == "guided" || std::string(name) == "tracking" ||
-        std::string(name) == "gates") {
+        std::string(name) == "bridging" || std::string(name) == "gates") {
       continue;  // stand on others
     }
     EXPECT_EQ(FaultOf("paper", {name}), "");

@@ -47,6 +47,20 @@ TEST(FailedGate, EachFigureHasItsGate) {
   EXPECT_EQ(GateOf([](PoseOutcome* p) { p->chi2_per_dof = 100; }), "residuals_too_large");
 }
 
+// Brick finds itself in decoy windows too: plenty of landmarks make up for it, few do not.
+TEST(FailedGate, PlentyOfLandmarksOutweighsChance) {
+  const PoseOptions o;
+  const auto near_chance = [&](int num_inliers, double support, double over_chance) {
+    return GateOf([&](PoseOutcome* p) {
+      p->num_inliers = num_inliers, p->support = support, p->over_chance = over_chance;
+    });
+  };
+  EXPECT_EQ(near_chance(o.plenty_inliers, o.plenty_support, o.plenty_over_chance), "");
+  EXPECT_EQ(near_chance(o.plenty_inliers - 1, 0.5, 3), "landmarks_missing");
+  EXPECT_EQ(near_chance(200, o.plenty_support - 0.01, 3), "landmarks_missing");
+  EXPECT_EQ(near_chance(200, 0.5, o.plenty_over_chance - 0.1), "landmarks_missing");
+}
+
 TEST(FailedGate, ACovarianceThatIsNoNumberIsNoCertainty) {
   EXPECT_EQ(GateOf([](PoseOutcome* p) {
               p->covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
