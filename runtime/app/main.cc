@@ -101,6 +101,13 @@ Status Dispatch(int argc, char** argv, int* parse_exit) {
   serve_command->add_option("--camera", serve.camera,
                             "camera.yaml; default: from the feed, else from the bundle");
   serve_command
+      ->add_option("--deadline-ms", serve.deadline_ms,
+                   "answer no_fix once a frame is older than this; 0 = none")
+      ->capture_default_str();
+  serve_command->add_option("--http", serve.http_port,
+                            "port on 127.0.0.1 for the live page, /metrics, /healthz and /readyz; "
+                            "0 = any (default: none)");
+  serve_command
       ->add_option("--max-frames", serve.max_frames,
                    "stop after so many frames; 0 = run until told to stop")
       ->capture_default_str();

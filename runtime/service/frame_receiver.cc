@@ -33,8 +33,9 @@ struct FrameReceiver::Impl {
 
   mutable std::mutex mutex;  // guards what follows
   std::condition_variable arrived;
-  std::optional<WireBytes> frame, calibration;
-  FrameReceiverCounters counters;
+  std::optional<ArrivedFrame> frame;
+  std::optional<WireBytes> calibration;
+  FeedCounts counters;
   Status failure;
 
   std::atomic<bool> stop{false};
@@ -50,6 +51,7 @@ void FrameReceiver::Impl::Run() {
       const std::lock_guard lock(mutex);
       counters.malformed = subscriber.counters().malformed;
       counters.wrong_topic = subscriber.counters().wrong_topic;
+      counters.connects = subscriber.counters().connects;
       counters.disconnects = subscriber.counters().disconnects;
       if (!received.ok()) {
         failure = received.status();
@@ -72,8 +74,8 @@ void FrameReceiver::Impl::Store(WireMessage message) {
     return;
   }
   ++counters.frames;
-  if (frame) ++counters.dropped;
-  frame = std::move(message.payload);
+  if (frame) ++counters.replaced;
+  frame = ArrivedFrame{std::move(message.payload), std::chrono::steady_clock::now()};
 }
 
 void FrameReceiver::Impl::WatchQuiet(bool frame_arrived) {
@@ -103,7 +105,7 @@ Result<std::unique_ptr<FrameReceiver>> FrameReceiver::Open(const FrameReceiverOp
   return std::unique_ptr<FrameReceiver>(new FrameReceiver(std::move(impl)));
 }
 
-std::optional<WireBytes> FrameReceiver::TakeFrame(std::chrono::milliseconds timeout) {
+std::optional<ArrivedFrame> FrameReceiver::TakeFrame(std::chrono::milliseconds timeout) {
   std::unique_lock lock(impl_->mutex);
   impl_->arrived.wait_for(lock, timeout, [this] { return impl_->frame || !impl_->failure.ok(); });
   return std::exchange(impl_->frame, std::nullopt);
@@ -114,7 +116,7 @@ std::optional<WireBytes> FrameReceiver::TakeCalibration() {
   return std::exchange(impl_->calibration, std::nullopt);
 }
 
-FrameReceiverCounters FrameReceiver::counters() const {
+FeedCounts FrameReceiver::counters() const {
   const std::lock_guard lock(impl_->mutex);
   return impl_->counters;
 }

@@ -23,12 +23,19 @@ struct ServeOptions {
   double camera_wait_s = 2;
   LocalizerOptions localizer;
   std::size_t max_message_bytes = std::size_t{64} << 20;  // a larger frame ends the connection
+  // From a frame's arrival: work on it ends at the next step and it is answered no_fix, "deadline";
+  // 0 = none.
+  double deadline_ms = 0;
+  // Port on 127.0.0.1 for /metrics, /healthz, /readyz and the live page; 0 = any; absent = none.
+  std::optional<int> http_port;
+  double update_interval_s = 1;   // between looks for a newer map
   double quiet_warning_s = 3;     // without a frame for this long a log line says so
   double report_interval_s = 30;  // between log lines with counts
   std::int64_t max_frames = 0;    // stop after so many answers; 0 = when told to
   // Told the bound pose endpoint once frames are awaited: for "tcp://127.0.0.1:*".
   std::function<void(const std::string& poses)> on_ready;
-  void Check() const;  // throws std::invalid_argument
+  std::function<void(int port)> on_http;  // told the HTTP port, if there is one
+  void Check() const;                     // throws std::invalid_argument
 };
 
 // Answers each frame that it takes with one LocalizationResult, and with one LocationFix where

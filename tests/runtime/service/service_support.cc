@@ -22,8 +22,18 @@ class FakeEngine : public FrameEngine {
  public:
   FakeEngine(FakeSource& source, const Camera& camera)
       : source_(source), camera_(camera), bundle_(SampleBundle()) {}
-  FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame) override {
-    SleepMs(source_.work_ms);
+  FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
+                       const TimeIsUp& time_is_up) override {
+    // Steps of a millisecond, so that there is something to end between.
+    const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(source_.work_ms);
+    do {
+      if (time_is_up && time_is_up()) {
+        FrameResult late = SampleNoFix(timestamp_ns);
+        late.reason = "deadline";
+        return late;
+      }
+      SleepMs(1);
+    } while (std::chrono::steady_clock::now() < end);
     ++source_.num_localized;
     if (frame.width_px == camera_.width_px && frame.height_px == camera_.height_px) {
       return SampleFix(timestamp_ns);
@@ -39,6 +49,15 @@ class FakeEngine : public FrameEngine {
   }
   const BundleIdentity& bundle() const override { return bundle_; }
   const Camera& camera() const override { return camera_; }
+  void Forget() override { ++source_.num_forgotten; }
+  MapFacts facts() const override {
+    MapFacts facts;
+    facts.bundle = bundle_;
+    facts.num_tiles = 3;
+    facts.panoramas = {{48.8462, 2.3371, 90}, {48.8463, 2.3372, 90}};
+    facts.links = {{0, 1}};
+    return facts;
+  }
 
  private:
   FakeSource& source_;

@@ -82,7 +82,7 @@ class FakeSource : public EngineSource {
 
   [[nodiscard]] std::vector<Camera> opened() const;
   std::atomic<int> work_ms{0};  // how long a frame takes
-  std::atomic<int> num_localized{0};
+  std::atomic<int> num_localized{0}, num_forgotten{0};
 
  private:
   mutable std::mutex mutex_;

@@ -1,0 +1,46 @@
+#pragma once
+// One run of the service: a loop over the newest frames. Private to this module.
+
+#include <memory>
+#include <optional>
+
+#include "runtime/monitor/monitor_server.h"
+#include "runtime/service/engine_keeper.h"
+#include "runtime/service/frame_receiver.h"
+#include "runtime/service/messages.h"
+#include "runtime/service/sockets.h"
+
+namespace panofix {
+
+class ServeSession {
+ public:
+  // `options` and `source` outlive it.
+  ServeSession(const ServeOptions& options, EngineSource& source, Publisher publisher);
+  // Until it is told to stop, or the first error.
+  [[nodiscard]] Status Run();
+
+ private:
+  [[nodiscard]] Status Start();
+  [[nodiscard]] Status Step();
+  [[nodiscard]] Status HandleFrame(const ArrivedFrame& arrived);
+  [[nodiscard]] Status Publish(const FrameResult& result, double decode_ms);
+  // What the engine answers to a frame, or what is to be said of one that does not decode.
+  [[nodiscard]] FrameResult Answer(const IncomingFrame& frame,
+                                   std::chrono::steady_clock::time_point arrived,
+                                   double* decode_ms);
+  void ShowPicture(const IncomingFrame& frame);
+  void Report();
+
+  const ServeOptions& options_;
+  ServiceMonitor monitor_;
+  EngineKeeper engines_;
+  Publisher publisher_;
+  std::unique_ptr<FrameReceiver> receiver_;
+  std::unique_ptr<MonitorServer> http_;
+  std::optional<std::chrono::steady_clock::time_point> first_frame_;
+  std::chrono::steady_clock::time_point reported_ = std::chrono::steady_clock::now();
+  std::int64_t num_answers_ = 0;
+  LogThrottle frame_log_, decode_log_;
+};
+
+}  // namespace panofix
