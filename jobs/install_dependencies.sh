@@ -30,7 +30,8 @@ runtime_packages=(
   libcli11-dev libspdlog-dev nlohmann-json3-dev libssl-dev libyaml-cpp-dev
   libsodium-dev libzstd-dev libcurl4-openssl-dev libcpp-httplib-dev libjs-leaflet
 )
-test_packages=(libembree-dev libgtest-dev libgmock-dev libbenchmark-dev minisign)
+test_packages=(libembree-dev libgtest-dev libgmock-dev libbenchmark-dev minisign
+  python3-zmq python3-flatbuffers)
 
 packages=("${runtime_packages[@]}" "${test_packages[@]}")
 list_only=false

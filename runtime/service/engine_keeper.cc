@@ -35,11 +35,26 @@ EngineKeeper::~EngineKeeper() {
 
 void EngineKeeper::Use(std::unique_ptr<FrameEngine> engine) {
   engine_ = std::move(engine);
+  {
+    const std::lock_guard lock(camera_mutex_);
+    camera_ = engine_->camera();
+  }
   ++generation_;
   monitor_.SetMap(engine_->facts());
 }
 
+EngineKeeper::Opened EngineKeeper::OpenAnother() {
+  const std::lock_guard source_lock(source_mutex_);
+  Camera camera;
+  {
+    const std::lock_guard lock(camera_mutex_);
+    camera = camera_;
+  }
+  return source_.Open(camera);
+}
+
 Status EngineKeeper::Open() {
+  const std::lock_guard lock(source_mutex_);
   auto bundle_camera = source_.BundleCamera();
   if (!bundle_camera.ok()) return bundle_camera.status();
   bundle_camera_ = *bundle_camera;
@@ -81,7 +96,9 @@ void EngineKeeper::TakeCalibration(const WireBytes& payload) {
   }
   // A map under way would come for the old camera; the next calibration, a second later, is taken.
   if (update_.valid()) return;
+  std::unique_lock lock(source_mutex_);
   auto engine = source_.Open(*camera);
+  lock.unlock();
   if (!engine.ok()) {
     calibration_log_.Warn("calibration refused: " + engine.status().message());
     return;
@@ -106,10 +123,13 @@ void EngineKeeper::TakeUpdate() {
     const auto now = Clock::now();
     if (now - asked_ < std::chrono::duration<double>(options_.update_interval_s)) return;
     asked_ = now;
-    if (!source_.HasUpdate()) return;
+    const std::unique_lock lock(source_mutex_, std::try_to_lock);
+    if (!lock || !source_.HasUpdate()) return;
     LogInfo("a newer map is active; opening it beside the one in use");
-    update_ = std::async(std::launch::async,
-                         [this, camera = engine_->camera()] { return source_.OpenUpdate(camera); });
+    update_ = std::async(std::launch::async, [this, camera = engine_->camera()] {
+      const std::lock_guard update_lock(source_mutex_);
+      return source_.OpenUpdate(camera);
+    });
     return;
   }
   if (update_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;

@@ -10,12 +10,15 @@
 #include "common/base/status.h"
 #include "runtime/monitor/service_monitor.h"
 #include "runtime/service/wire_bytes.h"
+#include "runtime/service/wire_security.h"
 
 namespace panofix {
 
 struct FrameReceiverOptions {
   std::string endpoint;  // connected to; bound where it holds a '*'
   std::size_t max_message_bytes = std::size_t{64} << 20;
+  double max_rate_hz = 0;  // frames beyond are left out; 0 = no bound
+  WireSecurity security;
   double quiet_warning_s = 3;  // without a frame for this long a log line says so
 };
 

@@ -15,8 +15,11 @@ void ServeOptions::Check() const {
   for (const Status& status : {CheckEndpoint("frames", frames), CheckEndpoint("poses", poses)}) {
     require(status.ok(), status.message().c_str());
   }
+  const Status asked = requests.empty() ? Status() : CheckEndpoint("requests", requests);
+  require(asked.ok(), asked.message().c_str());
   require(camera_wait_s >= 0, "camera_wait_s must be 0 or above");
   require(max_message_bytes >= 1024, "max_message_bytes must be 1024 or above");
+  require(max_rate_hz >= 0, "max_rate_hz must be 0 or above");
   require(quiet_warning_s > 0, "quiet_warning_s must be above 0");
   require(report_interval_s > 0, "report_interval_s must be above 0");
   require(deadline_ms >= 0, "deadline_ms must be 0 or above");
@@ -28,7 +31,9 @@ void ServeOptions::Check() const {
 Status ServeFrom(const ServeOptions& options, EngineSource& source) {
   try {
     options.Check();
-    auto publisher = Publisher::Bind(options.poses, {});
+    PublisherOptions publisher_options;
+    publisher_options.security = options.poses_security;
+    auto publisher = Publisher::Bind(options.poses, publisher_options);
     if (!publisher.ok()) return publisher.status();
     return ServeSession(options, source, std::move(*publisher)).Run();
   } catch (const std::invalid_argument& error) {

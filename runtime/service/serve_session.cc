@@ -13,15 +13,6 @@ double MsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-// A frame of another size than the camera's is of no use; decoding one much larger is a waste that
-// a stranger could ask for.
-DecodeLimits LimitsFor(const Camera& camera) {
-  constexpr std::int64_t kFactor = 4, kLeast = 1'000'000;
-  DecodeLimits limits;
-  limits.max_pixels = kLeast + kFactor * camera.width_px * camera.height_px;
-  return limits;
-}
-
 }  // namespace
 
 ServeSession::ServeSession(const ServeOptions& options, EngineSource& source, Publisher publisher)
@@ -29,23 +20,52 @@ ServeSession::ServeSession(const ServeOptions& options, EngineSource& source, Pu
 
 Status ServeSession::Start() {
   if (Status status = engines_.Open(); !status.ok()) return status;
-  if (options_.http_port) {
-    MonitorServerOptions http;
-    http.port = *options_.http_port;
-    http.quiet_s = options_.quiet_warning_s;
-    auto server = MonitorServer::Start(http, monitor_);
-    if (!server.ok()) return server.status();
-    http_ = std::move(*server);
-    LogInfo(
-        Format("live page, /metrics, /healthz and /readyz on http://127.0.0.1:%d", http_->port()));
+  if (options_.record) {
+    auto recorder = SessionRecorder::Create(*options_.record, options_.localizer, monitor_);
+    if (!recorder.ok()) return recorder.status();
+    recorder_ = std::move(*recorder);
+    LogInfo("recording to " + recorder_->path());
   }
-  auto receiver =
-      FrameReceiver::Open({options_.frames, options_.max_message_bytes, options_.quiet_warning_s});
+  if (Status status = StartHttp(); !status.ok()) return status;
+  if (Status status = StartRequests(); !status.ok()) return status;
+  FrameReceiverOptions feed;
+  feed.endpoint = options_.frames;
+  feed.max_message_bytes = options_.max_message_bytes;
+  feed.max_rate_hz = options_.max_rate_hz;
+  feed.security = options_.frames_security;
+  feed.quiet_warning_s = options_.quiet_warning_s;
+  auto receiver = FrameReceiver::Open(feed);
   if (!receiver.ok()) return receiver.status();
   receiver_ = std::move(*receiver);
   LogInfo("frames from " + receiver_->endpoint() + ", poses on " + publisher_.endpoint());
   if (options_.on_ready) options_.on_ready(publisher_.endpoint());
-  if (options_.on_http && http_) options_.on_http(http_->port());
+  return {};
+}
+
+Status ServeSession::StartHttp() {
+  if (!options_.http_port) return {};
+  MonitorServerOptions http;
+  http.port = *options_.http_port;
+  http.quiet_s = options_.quiet_warning_s;
+  auto server = MonitorServer::Start(http, monitor_);
+  if (!server.ok()) return server.status();
+  http_ = std::move(*server);
+  LogInfo(
+      Format("live page, /metrics, /healthz and /readyz on http://127.0.0.1:%d", http_->port()));
+  if (options_.on_http) options_.on_http(http_->port());
+  return {};
+}
+
+Status ServeSession::StartRequests() {
+  if (options_.requests.empty()) return {};
+  auto server = RequestServer::Start(
+      {options_.requests, options_.max_message_bytes, options_.poses_security},
+      [this] { return engines_.generation(); }, [this] { return engines_.OpenAnother(); },
+      monitor_);
+  if (!server.ok()) return server.status();
+  requests_ = std::move(*server);
+  LogInfo("single images on request: " + requests_->endpoint());
+  if (options_.on_requests) options_.on_requests(requests_->endpoint());
   return {};
 }
 
@@ -54,6 +74,7 @@ Status ServeSession::Run() {
   while (!CancelRequested() && (options_.max_frames == 0 || num_answers_ < options_.max_frames)) {
     if (Status status = Step(); !status.ok()) return status;
   }
+  if (recorder_) recorder_->Finish();
   Report();
   return {};
 }
@@ -64,6 +85,7 @@ Status ServeSession::Step() {
   monitor_.SetFeed(receiver_->counters());
   engines_.TakeUpdate();
   static_cast<void>(publisher_.TakeSubscriptions(0));
+  monitor_.Set(&MonitorSnapshot::num_denied_users, publisher_.num_denied());
   const auto frame = receiver_->TakeFrame(kWait);
   if (Status status = receiver_->status(); !status.ok()) return status;
   // After the frame: a camera sends its calibration first.
@@ -77,6 +99,7 @@ Status ServeSession::Step() {
 }
 
 Status ServeSession::HandleFrame(const ArrivedFrame& arrived) {
+  FollowEngine();
   const double wait_ms = MsSince(arrived.arrived);
   const auto frame = UnpackFrame(arrived.payload);
   if (!frame.ok()) {
@@ -84,31 +107,38 @@ Status ServeSession::HandleFrame(const ArrivedFrame& arrived) {
     frame_log_.Warn(receiver_->endpoint() + ": frame refused: " + frame.status().message());
     return {};
   }
-  double decode_ms = 0;
-  FrameResult result = Answer(*frame, arrived.arrived, &decode_ms);
-  result.timestamp_ns = frame->timestamp_ns;
-  monitor_.AddAnswer(result, wait_ms, decode_ms);
+  Answered answered = Answer(*frame, arrived.arrived);
+  answered.result.timestamp_ns = frame->timestamp_ns;
+  monitor_.AddAnswer(answered.result, wait_ms, answered.decode_ms);
   ShowPicture(*frame);
-  return Publish(result, decode_ms);
+  return Publish(*frame, answered);
 }
 
-FrameResult ServeSession::Answer(const IncomingFrame& frame, Clock::time_point arrived,
-                                 double* decode_ms) {
+ServeSession::Answered ServeSession::Answer(const IncomingFrame& frame, Clock::time_point arrived) {
   const auto start = Clock::now();
+  Answered answered;
   FrameEngine& engine = engines_.engine();
-  const auto gray = ConvertFrame(frame, LimitsFor(engine.camera()));
-  *decode_ms = MsSince(start);
+  const auto gray = ConvertFrame(frame, FrameLimitsFor(engine.camera()));
+  answered.decode_ms = MsSince(start);
   if (!gray.ok()) {
     monitor_.Count(&MonitorSnapshot::num_undecodable);
     decode_log_.Warn(Format("frame %lld: %s", static_cast<long long>(frame.timestamp_ns),
                             gray.status().message().c_str()));
-    return engine.Undecodable(frame.timestamp_ns);
+    answered.result = engine.Undecodable(frame.timestamp_ns);
+    return answered;
   }
   TimeIsUp time_is_up;
+  int step = 0;
   if (options_.deadline_ms > 0) {
-    time_is_up = [this, arrived] { return MsSince(arrived) >= options_.deadline_ms; };
+    time_is_up = [&, arrived] {
+      ++step;
+      if (MsSince(arrived) < options_.deadline_ms) return false;
+      answered.stopped_at_step = step;
+      return true;
+    };
   }
-  return engine.Localize(frame.timestamp_ns, *gray, time_is_up);
+  answered.result = engine.Localize(frame.timestamp_ns, *gray, time_is_up);
+  return answered;
 }
 
 void ServeSession::ShowPicture(const IncomingFrame& frame) {
@@ -116,15 +146,26 @@ void ServeSession::ShowPicture(const IncomingFrame& frame) {
   monitor_.SetPicture({frame.payload.owner, frame.data, "image/" + frame.encoding});
 }
 
-Status ServeSession::Publish(const FrameResult& result, double decode_ms) {
+Status ServeSession::Publish(const IncomingFrame& frame, const Answered& answered) {
   ++num_answers_;
   const BundleIdentity& bundle = engines_.engine().bundle();
-  if (Status status = publisher_.Send(kPoseTopic, PackResult(result, bundle, decode_ms));
-      !status.ok()) {
-    return status;
+  const FrameResult& result = answered.result;
+  const auto packed = PackResult(result, bundle, answered.decode_ms);
+  // First the users, then the disk.
+  Status status = publisher_.Send(kPoseTopic, packed);
+  if (status.ok() && result.pose) {
+    status = publisher_.Send(kLocationFixTopic, PackLocationFix(result, bundle));
   }
-  if (!result.pose) return {};
-  return publisher_.Send(kLocationFixTopic, PackLocationFix(result, bundle));
+  if (recorder_) recorder_->AddAnswer(frame, packed, answered.stopped_at_step);
+  return status;
+}
+
+// Tells those who keep to one engine that it is another now.
+void ServeSession::FollowEngine() {
+  if (generation_ == engines_.generation()) return;
+  generation_ = engines_.generation();
+  const FrameEngine& engine = engines_.engine();
+  if (recorder_) recorder_->AddEngine(engine.bundle(), engine.camera());
 }
 
 void ServeSession::Report() {

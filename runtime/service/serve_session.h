@@ -8,6 +8,8 @@
 #include "runtime/service/engine_keeper.h"
 #include "runtime/service/frame_receiver.h"
 #include "runtime/service/messages.h"
+#include "runtime/service/request_server.h"
+#include "runtime/service/session_recorder.h"
 #include "runtime/service/sockets.h"
 
 namespace panofix {
@@ -21,13 +23,20 @@ class ServeSession {
 
  private:
   [[nodiscard]] Status Start();
+  [[nodiscard]] Status StartHttp();
+  [[nodiscard]] Status StartRequests();
   [[nodiscard]] Status Step();
   [[nodiscard]] Status HandleFrame(const ArrivedFrame& arrived);
-  [[nodiscard]] Status Publish(const FrameResult& result, double decode_ms);
+  struct Answered {
+    FrameResult result;
+    double decode_ms = 0;
+    int stopped_at_step = 0;  // see SessionRecorder
+  };
+  [[nodiscard]] Status Publish(const IncomingFrame& frame, const Answered& answered);
   // What the engine answers to a frame, or what is to be said of one that does not decode.
-  [[nodiscard]] FrameResult Answer(const IncomingFrame& frame,
-                                   std::chrono::steady_clock::time_point arrived,
-                                   double* decode_ms);
+  [[nodiscard]] Answered Answer(const IncomingFrame& frame,
+                                std::chrono::steady_clock::time_point arrived);
+  void FollowEngine();
   void ShowPicture(const IncomingFrame& frame);
   void Report();
 
@@ -37,6 +46,9 @@ class ServeSession {
   Publisher publisher_;
   std::unique_ptr<FrameReceiver> receiver_;
   std::unique_ptr<MonitorServer> http_;
+  std::unique_ptr<SessionRecorder> recorder_;
+  std::unique_ptr<RequestServer> requests_;  // ends before what it uses
+  int generation_ = 0;
   std::optional<std::chrono::steady_clock::time_point> first_frame_;
   std::chrono::steady_clock::time_point reported_ = std::chrono::steady_clock::now();
   std::int64_t num_answers_ = 0;

@@ -20,8 +20,9 @@ std::vector<std::uint8_t> Encode(const char* extension, int width_px, int height
 
 class FakeEngine : public FrameEngine {
  public:
-  FakeEngine(FakeSource& source, const Camera& camera)
-      : source_(source), camera_(camera), bundle_(SampleBundle()) {}
+  FakeEngine(FakeSource& source, const Camera& camera,
+             const BundleIdentity& bundle = SampleBundle())
+      : source_(source), camera_(camera), bundle_(bundle) {}
   FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
                        const TimeIsUp& time_is_up) override {
     // Steps of a millisecond, so that there is something to end between.
@@ -145,6 +146,14 @@ Result<std::unique_ptr<FrameEngine>> FakeSource::Open(const Camera& camera) {
   return std::unique_ptr<FrameEngine>(std::make_unique<FakeEngine>(*this, camera));
 }
 
+Result<std::unique_ptr<FrameEngine>> FakeSource::OpenUpdate(const Camera& camera) {
+  SleepMs(update_ms);
+  if (opening_ < 0) return Status(ErrorCode::kBadData, "the newer map is broken");
+  BundleIdentity bundle = SampleBundle();
+  bundle.build = opening_;
+  return std::unique_ptr<FrameEngine>(std::make_unique<FakeEngine>(*this, camera, bundle));
+}
+
 std::vector<Camera> FakeSource::opened() const {
   const std::lock_guard lock(mutex_);
   return opened_;
@@ -186,6 +195,7 @@ ServeOptions ServeOptionsFor(const std::string& frames) {
   options.frames = frames;
   options.poses = kAnyPort;
   options.camera_wait_s = 0;
+  options.max_rate_hz = 0;
   return options;
 }
 

@@ -120,7 +120,11 @@ TEST_F(Sockets, OtherNumbersOfPartsAreCountedAndSurvived) {
 
 std::unique_ptr<FrameReceiver> OpenReceiver(const std::string& endpoint,
                                             std::size_t max_message_bytes = 1 << 20) {
-  return ValueOrThrow(FrameReceiver::Open({endpoint, max_message_bytes, 0.05}));
+  FrameReceiverOptions options;
+  options.endpoint = endpoint;
+  options.max_message_bytes = max_message_bytes;
+  options.quiet_warning_s = 0.05;
+  return ValueOrThrow(FrameReceiver::Open(options));
 }
 
 // Sends one-byte frames until one arrives that holds `value`.

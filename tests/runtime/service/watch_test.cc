@@ -14,6 +14,7 @@ class Watching : public ServiceTest {
   ServeOptions Options(const std::string& frames) {
     ServeOptions options = ServeOptionsFor(frames);
     options.http_port = 0;
+    options.max_rate_hz = 200;
     options.on_http = [this](int port) { port_ = port; };
     return options;
   }
@@ -54,6 +55,7 @@ TEST_F(Watching, EveryFrameIsAccountedFor) {
     return received > 60 &&
            received == Metric("panofix_frames_dropped_total{cause=\"replaced\"}") +
                            Metric("panofix_frames_dropped_total{cause=\"refused\"}") +
+                           Metric("panofix_frames_dropped_total{cause=\"rate_limited\"}") +
                            Metric("panofix_answers_total{status=\"fix\",reason=\"\"}");
   })) << Get("/metrics").body;
   EXPECT_GT(Metric("panofix_frames_dropped_total{cause=\"replaced\"}"), 10);
