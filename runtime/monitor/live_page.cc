@@ -1,6 +1,6 @@
 #include "runtime/monitor/live_page.h"
 
-#include "runtime/monitor/page_files.h"
+#include "runtime/monitor/page_files_generated.h"
 
 namespace panofix {
 

@@ -1,5 +1,7 @@
 // The publishing side: an XPUB socket, so that subscribers can be waited for.
 
+#include <set>
+
 #include "common/base/log.h"
 #include "runtime/service/log_throttle.h"
 #include "runtime/service/socket_monitor.h"
@@ -16,7 +18,8 @@ struct Publisher::Impl {
   std::optional<SocketMonitor> monitor;
   std::string endpoint;
   std::int64_t num_without_key = 0;
-  LogThrottle handshake_log;
+  std::set<std::uint32_t> subscribers;  // descriptors
+  LogThrottle connection_log, handshake_log;
 
   void ReadEvents();
 };
@@ -25,10 +28,12 @@ void Publisher::Impl::ReadEvents() {
   for (const SocketEvent& event : monitor->Take()) {
     switch (event.number) {
       case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
-        LogInfo(endpoint + ": a subscriber has connected");
+        subscribers.insert(event.value);
+        connection_log.Write(LogLevel::kInfo, endpoint + ": a subscriber has connected");
         break;
-      case ZMQ_EVENT_DISCONNECTED:
-        LogInfo(endpoint + ": a subscriber has gone");
+      case ZMQ_EVENT_DISCONNECTED:  // also told of those that were never let in
+        if (subscribers.erase(event.value) == 0) break;
+        connection_log.Write(LogLevel::kInfo, endpoint + ": a subscriber has gone");
         break;
       case ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL:
       case ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL:

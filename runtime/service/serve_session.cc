@@ -127,16 +127,14 @@ ServeSession::Answered ServeSession::Answer(const IncomingFrame& frame, Clock::t
     answered.result = engine.Undecodable(frame.timestamp_ns);
     return answered;
   }
-  TimeIsUp time_is_up;
   int step = 0;
-  if (options_.deadline_ms > 0) {
-    time_is_up = [&, arrived] {
-      ++step;
-      if (MsSince(arrived) < options_.deadline_ms) return false;
-      answered.stopped_at_step = step;
-      return true;
-    };
-  }
+  const TimeIsUp time_is_up = [&, arrived] {
+    ++step;
+    const bool is_late = options_.deadline_ms > 0 && MsSince(arrived) >= options_.deadline_ms;
+    if (!is_late && !CancelRequested()) return false;
+    answered.stopped_at_step = step;
+    return true;
+  };
   answered.result = engine.Localize(frame.timestamp_ns, *gray, time_is_up);
   return answered;
 }

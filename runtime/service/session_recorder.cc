@@ -8,7 +8,7 @@
 #include "runtime/service/messages.h"
 #include "runtime/service/recording_names.h"
 #include "runtime/service/topics.h"
-#include "schemas/binary_schemas.h"
+#include "schemas/binary_schemas_generated.h"
 
 namespace panofix {
 namespace {

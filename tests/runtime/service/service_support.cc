@@ -25,6 +25,7 @@ class FakeEngine : public FrameEngine {
       : source_(source), camera_(camera), bundle_(bundle) {}
   FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
                        const TimeIsUp& time_is_up) override {
+    ++source_.num_begun;
     // Steps of a millisecond, so that there is something to end between.
     const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(source_.work_ms);
     do {
