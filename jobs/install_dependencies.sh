@@ -28,9 +28,10 @@ runtime_packages=(
   libeigen3-dev libceres-dev libtbb-dev libhdf5-dev libgeographiclib-dev libjpeg-dev zlib1g-dev
   libzmq3-dev cppzmq-dev libflatbuffers-dev flatbuffers-compiler
   libcli11-dev libspdlog-dev nlohmann-json3-dev libssl-dev libyaml-cpp-dev
-  libsodium-dev libzstd-dev libcurl4-openssl-dev
+  libsodium-dev libzstd-dev libcurl4-openssl-dev libcpp-httplib-dev libjs-leaflet
 )
-test_packages=(libembree-dev libgtest-dev libgmock-dev libbenchmark-dev minisign)
+test_packages=(libembree-dev libgtest-dev libgmock-dev libbenchmark-dev minisign
+  python3-zmq python3-flatbuffers)
 
 packages=("${runtime_packages[@]}" "${test_packages[@]}")
 list_only=false

@@ -7,5 +7,7 @@ namespace panofix {
 
 // Largest resident set so far, bytes.
 [[nodiscard]] std::uint64_t PeakMemoryBytes();
+// Resident set now, bytes; 0 where the system does not tell.
+[[nodiscard]] std::uint64_t ResidentMemoryBytes();
 
 }  // namespace panofix

@@ -14,7 +14,29 @@ namespace {
 
 constexpr double kProbe_s = 300;
 
-// The first of a store's versions that opens; from then on that one.
+// Keeps a version from being removed for as long as its engine lives.
+class HeldEngine : public FrameEngine {
+ public:
+  HeldEngine(VersionHold hold, std::unique_ptr<FrameEngine> engine)
+      : hold_(std::move(hold)), engine_(std::move(engine)) {}
+  FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
+                       const TimeIsUp& time_is_up) override {
+    return engine_->Localize(timestamp_ns, frame, time_is_up);
+  }
+  FrameResult Undecodable(std::int64_t timestamp_ns) const override {
+    return engine_->Undecodable(timestamp_ns);
+  }
+  const BundleIdentity& bundle() const override { return engine_->bundle(); }
+  const Camera& camera() const override { return engine_->camera(); }
+  void Forget() override { engine_->Forget(); }
+  MapFacts facts() const override { return engine_->facts(); }
+
+ private:
+  const VersionHold hold_;
+  const std::unique_ptr<FrameEngine> engine_;
+};
+
+// The first of a store's versions that opens; then that one, until another is activated.
 class StoreSource : public EngineSource {
  public:
   StoreSource(const StoreLayout& layout, std::vector<std::string> versions,
@@ -27,7 +49,7 @@ class StoreSource : public EngineSource {
 
   Result<std::unique_ptr<FrameEngine>> Open(const Camera& camera) override {
     while (true) {
-      auto engine = OpenPresent(camera);
+      auto engine = OpenVersion(versions_[at_], camera);
       const bool is_last = at_ + 1 == versions_.size();
       if (engine.ok() || is_chosen_ || is_last) {
         is_chosen_ = is_chosen_ || engine.ok();
@@ -42,21 +64,50 @@ class StoreSource : public EngineSource {
     }
   }
 
- private:
-  Result<std::unique_ptr<FrameEngine>> OpenPresent(const Camera& camera) {
-    auto hold = VersionHold::Take(layout_, versions_[at_]);
-    if (!hold.ok()) return hold.status();
-    auto engine = MakeLocalizerSource(layout_.version(versions_[at_]), options_)->Open(camera);
-    if (engine.ok()) hold_ = std::move(*hold);
+  // What `activate` and `rollback` put in force is served once it is proven. The version that was
+  // in force at the start is no update, even where another had to stand in for it.
+  bool HasUpdate() override {
+    const auto state = ReadStoreState(layout_);
+    if (!state.ok() || !state->is_proven || !IsSha256(state->active)) return false;
+    if (state->active == seen_active_) return false;
+    seen_active_ = state->active;
+    return seen_active_ != versions_[at_];
+  }
+
+  Result<std::unique_ptr<FrameEngine>> OpenUpdate(const Camera& camera) override {
+    const auto map_camera = Localizer::ReadBundleCamera(layout_.version(seen_active_));
+    if (!map_camera.ok()) return map_camera.status();
+    if (map_camera->width_px != camera.width_px || map_camera->height_px != camera.height_px) {
+      return Status(ErrorCode::kWrongCamera,
+                    Format("version %.12s is for a camera of %dx%d pixels, the feed's has %dx%d",
+                           seen_active_.c_str(), map_camera->width_px, map_camera->height_px,
+                           camera.width_px, camera.height_px));
+    }
+    auto engine = OpenVersion(seen_active_, camera);
+    if (engine.ok()) versions_ = {seen_active_}, at_ = 0, is_chosen_ = true;
     return engine;
   }
 
+ private:
+  Result<std::unique_ptr<FrameEngine>> OpenVersion(const std::string& id, const Camera& camera) {
+    // Keys may have come or gone since the last version.
+    const auto keys = ReadStoreKeys(layout_);
+    if (!keys.ok()) return keys.status();
+    options_.trusted_keys = keys->ring;
+    auto hold = VersionHold::Take(layout_, id);
+    if (!hold.ok()) return hold.status();
+    auto engine = MakeLocalizerSource(layout_.version(id), options_)->Open(camera);
+    if (!engine.ok()) return engine.status();
+    return std::unique_ptr<FrameEngine>(
+        std::make_unique<HeldEngine>(std::move(*hold), std::move(*engine)));
+  }
+
   const StoreLayout layout_;
-  const std::vector<std::string> versions_;
-  const LocalizerOptions options_;
+  std::vector<std::string> versions_;
+  LocalizerOptions options_;
   std::size_t at_ = 0;
   bool is_chosen_ = false;
-  std::optional<VersionHold> hold_;  // for as long as it is served
+  std::string seen_active_ = versions_.front();
 };
 
 void WarnIfExpired(const StoreLayout& layout, const std::string& id) {

@@ -15,7 +15,14 @@ void LocalizerOptions::Check() const {
     throw std::invalid_argument(Format("num_threads = %d; must not be negative", num_threads));
 }
 
+bool Localizer::Impl::IsLate(FrameResult* result) const {
+  if (!time_is_up || !time_is_up()) return false;
+  result->reason = "deadline";
+  return true;
+}
+
 void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
+  if (IsLate(result)) return;
   Stopwatch watch;
   const GrayImage image = Preprocess(frame, bundle->manifest().features);
   result->latency.preprocess_ms = watch.Lap();
@@ -25,19 +32,23 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
     result->reason = "too_few_features";
     return;
   }
+  if (IsLate(result)) return;
   if (!levers.tracking) return RunUntracked(image, features, result);
-  if (Track(features, result) || Bridge(features, result)) return;
+  if (Track(features, result) || IsLate(result) || Bridge(features, result)) return;
+  if (IsLate(result)) return;
   const BagOfWords bag = MakeBag(image, features, &result->latency);
   // Where the vehicle must be first; the whole map where that fails.
   for (const bool windowed : {true, false}) {
     const std::vector<std::uint32_t> window = windowed ? Window() : std::vector<std::uint32_t>{};
     if (windowed && window.empty()) continue;
+    if (IsLate(result)) return;
     const RetrievalResult retrieved =
         Retrieve({bag, features.sift, features.bearings, camera}, window, result);
     if (retrieved.views.empty()) {
       result->reason = "nothing_similar";
       continue;
     }
+    if (IsLate(result)) return;
     LocalFrame local;
     const PoseOutcome outcome = Solve(features, retrieved, &local, &result->latency);
     if (Accept(features, outcome, local, result)) return;
@@ -107,13 +118,15 @@ Result<Camera> Localizer::ReadBundleCamera(const std::filesystem::path& bundle) 
   return manifest->camera;
 }
 
-FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& frame) {
+FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& frame,
+                                const TimeIsUp& time_is_up) {
   FrameResult result;
   result.timestamp_ns = timestamp_ns;
   result.num_database = static_cast<std::int64_t>(impl_->bundle->views().size());
   result.map_is_unsigned = !impl_->identity.is_signed;
   const auto start = std::chrono::steady_clock::now();
   LogDebug(Format("frame %lld", static_cast<long long>(timestamp_ns)));
+  impl_->time_is_up = time_is_up;
   try {
     if (frame.width_px != impl_->camera.width_px || frame.height_px != impl_->camera.height_px) {
       result.reason = "frame_size_differs_from_camera";
@@ -142,6 +155,18 @@ FrameResult Localizer::Undecodable(std::int64_t timestamp_ns) const {
   return result;
 }
 
+void Localizer::Forget() {
+  impl_->history = FixHistory();
+  impl_->calibration = CalibrationWatch();
+  impl_->rivals = RivalWatch();
+  impl_->past = PastFrames();
+  impl_->recent.Clear();
+  impl_->places.Reset();
+  impl_->last_retrieved.clear();
+  impl_->has_last_frame = false;
+}
+
+const MapBundle& Localizer::map() const { return *impl_->bundle; }
 const BundleIdentity& Localizer::bundle() const { return impl_->identity; }
 const Camera& Localizer::camera() const { return impl_->camera; }
 

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -61,6 +62,11 @@ struct BundleIdentity {
   std::size_t num_panoramas = 0, num_views = 0;
 };
 
+class MapBundle;
+
+// Asked between the steps of a frame, at the same points for the same frames: true ends the work.
+using TimeIsUp = std::function<bool()>;
+
 // One localizer serves one camera: it remembers where the last frames were. Not thread-safe; no
 // exception leaves it.
 class Localizer {
@@ -76,12 +82,16 @@ class Localizer {
   Localizer& operator=(const Localizer&) = delete;
 
   // Never fails: a frame of another size than the camera, or an empty one, is kNoFix with its
-  // reason.
-  [[nodiscard]] FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame);
+  // reason; so is one whose time was up before there was a pose ("deadline").
+  [[nodiscard]] FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
+                                     const TimeIsUp& time_is_up = {});
   // A frame that could not be decoded still gets its row.
   [[nodiscard]] FrameResult Undecodable(std::int64_t timestamp_ns) const;
   [[nodiscard]] const BundleIdentity& bundle() const;
+  // As after Open: the next frame may be anywhere.
+  void Forget();
   [[nodiscard]] const Camera& camera() const;
+  [[nodiscard]] const MapBundle& map() const;
 
  private:
   struct Impl;

@@ -96,6 +96,8 @@ struct Localizer::Impl {
   void Remember(const FrameFeatures& features, const PoseOutcome& outcome, bool is_distinct,
                 const FrameResult* result);
   void Advance(std::int64_t now_ns);
+  // Whether the frame's time is up; its reason says so then.
+  bool IsLate(FrameResult* result) const;
   void Run(const GrayImage& frame, FrameResult* result);  // result->timestamp_ns is set
   void RunUntracked(const GrayImage& image, const FrameFeatures& features, FrameResult* result);
   void Fill(const PoseOutcome& outcome, const LocalFrame& local, FrameResult* result) const;
@@ -121,6 +123,7 @@ struct Localizer::Impl {
   bool last_is_distinct = false;  // of the last pose in history
   PastFrames past;
   RecentFrames recent;
+  TimeIsUp time_is_up;  // of the frame at work
 };
 
 }  // namespace panofix

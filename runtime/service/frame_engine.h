@@ -8,6 +8,7 @@
 #include "common/base/status.h"
 #include "common/camera/camera.h"
 #include "runtime/localizer/localizer.h"
+#include "runtime/monitor/service_monitor.h"
 
 namespace panofix {
 
@@ -15,19 +16,31 @@ namespace panofix {
 class FrameEngine {
  public:
   virtual ~FrameEngine() = default;
-  [[nodiscard]] virtual FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame) = 0;
+  [[nodiscard]] virtual FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
+                                             const TimeIsUp& time_is_up) = 0;
   [[nodiscard]] virtual FrameResult Undecodable(std::int64_t timestamp_ns) const = 0;
   [[nodiscard]] virtual const BundleIdentity& bundle() const = 0;
   [[nodiscard]] virtual const Camera& camera() const = 0;
+  virtual void Forget() = 0;
+  // What a watcher is shown of the map.
+  [[nodiscard]] virtual MapFacts facts() const = 0;
 };
 
-// Opens engines over one bundle.
+// Opens engines over a map.
 class EngineSource {
  public:
   virtual ~EngineSource() = default;
   // Camera that the bundle was built for.
   [[nodiscard]] virtual Result<Camera> BundleCamera() = 0;
   [[nodiscard]] virtual Result<std::unique_ptr<FrameEngine>> Open(const Camera& camera) = 0;
+  // Whether another map than the one opened last is to be used from now on. Quick; a map is told
+  // once, whether it opens or not.
+  [[nodiscard]] virtual bool HasUpdate() { return false; }
+  // Opens that map. May run in a thread of its own, no other call being made meanwhile. Where it
+  // fails, later calls of Open still mean the map before.
+  [[nodiscard]] virtual Result<std::unique_ptr<FrameEngine>> OpenUpdate(const Camera& camera) {
+    return Open(camera);
+  }
 };
 
 // Localizers over the bundle in folder `bundle`.

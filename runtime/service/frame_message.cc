@@ -165,4 +165,11 @@ Result<GrayImage> ConvertFrame(const IncomingFrame& frame, const DecodeLimits& l
   return DecodeGray(frame.data, 1, limits);
 }
 
+DecodeLimits FrameLimitsFor(const Camera& camera) {
+  constexpr std::int64_t kFactor = 4, kLeast = 1'000'000;
+  DecodeLimits limits;
+  limits.max_pixels = kLeast + kFactor * camera.width_px * camera.height_px;
+  return limits;
+}
+
 }  // namespace panofix

@@ -23,6 +23,7 @@ struct FrameReceiver::Impl {
   }
   void Run();
   void Store(WireMessage message);
+  bool MayPass();
   void WatchQuiet(bool frame_arrived);
 
   Subscriber subscriber;  // the thread's alone
@@ -30,11 +31,14 @@ struct FrameReceiver::Impl {
   const FrameReceiverOptions options;
   std::chrono::steady_clock::time_point last_frame = std::chrono::steady_clock::now();
   bool is_quiet = false;
+  std::chrono::steady_clock::time_point budgeted;  // long ago: the budget begins full
+  double budget_frames = 0;
 
   mutable std::mutex mutex;  // guards what follows
   std::condition_variable arrived;
-  std::optional<WireBytes> frame, calibration;
-  FrameReceiverCounters counters;
+  std::optional<ArrivedFrame> frame;
+  std::optional<WireBytes> calibration;
+  FeedCounts counters;
   Status failure;
 
   std::atomic<bool> stop{false};
@@ -48,9 +52,12 @@ void FrameReceiver::Impl::Run() {
     bool is_frame = false;
     {
       const std::lock_guard lock(mutex);
-      counters.malformed = subscriber.counters().malformed;
-      counters.wrong_topic = subscriber.counters().wrong_topic;
-      counters.disconnects = subscriber.counters().disconnects;
+      const SubscriberCounters wire = subscriber.counters();
+      counters.malformed = wire.malformed;
+      counters.wrong_topic = wire.wrong_topic;
+      counters.connects = wire.connects;
+      counters.disconnects = wire.disconnects;
+      counters.denied = wire.denied;
       if (!received.ok()) {
         failure = received.status();
       } else if (received->has_value()) {
@@ -72,8 +79,26 @@ void FrameReceiver::Impl::Store(WireMessage message) {
     return;
   }
   ++counters.frames;
-  if (frame) ++counters.dropped;
-  frame = std::move(message.payload);
+  if (!MayPass()) {
+    ++counters.rate_limited;
+    return;
+  }
+  if (frame) ++counters.replaced;
+  frame = ArrivedFrame{std::move(message.payload), std::chrono::steady_clock::now()};
+}
+
+// A budget that fills at the allowed rate, so that a hiccup's frames pass together.
+bool FrameReceiver::Impl::MayPass() {
+  constexpr double kBurst_s = 0.25;
+  if (!(options.max_rate_hz > 0)) return true;
+  const auto now = std::chrono::steady_clock::now();
+  const double since_s = std::chrono::duration<double>(now - budgeted).count();
+  budgeted = now;
+  const double most = std::max(1.0, kBurst_s * options.max_rate_hz);
+  budget_frames = std::min(most, budget_frames + since_s * options.max_rate_hz);
+  if (budget_frames < 1) return false;
+  budget_frames -= 1;
+  return true;
 }
 
 void FrameReceiver::Impl::WatchQuiet(bool frame_arrived) {
@@ -97,13 +122,14 @@ Result<std::unique_ptr<FrameReceiver>> FrameReceiver::Open(const FrameReceiverOp
   SubscriberOptions subscriber_options;
   subscriber_options.topics = {kFrameTopic, kCameraTopic};
   subscriber_options.max_message_bytes = options.max_message_bytes;
+  subscriber_options.security = options.security;
   auto subscriber = Subscriber::Open(options.endpoint, subscriber_options);
   if (!subscriber.ok()) return subscriber.status();
   auto impl = std::make_unique<Impl>(std::move(*subscriber), options);
   return std::unique_ptr<FrameReceiver>(new FrameReceiver(std::move(impl)));
 }
 
-std::optional<WireBytes> FrameReceiver::TakeFrame(std::chrono::milliseconds timeout) {
+std::optional<ArrivedFrame> FrameReceiver::TakeFrame(std::chrono::milliseconds timeout) {
   std::unique_lock lock(impl_->mutex);
   impl_->arrived.wait_for(lock, timeout, [this] { return impl_->frame || !impl_->failure.ok(); });
   return std::exchange(impl_->frame, std::nullopt);
@@ -114,7 +140,7 @@ std::optional<WireBytes> FrameReceiver::TakeCalibration() {
   return std::exchange(impl_->calibration, std::nullopt);
 }
 
-FrameReceiverCounters FrameReceiver::counters() const {
+FeedCounts FrameReceiver::counters() const {
   const std::lock_guard lock(impl_->mutex);
   return impl_->counters;
 }

@@ -8,21 +8,23 @@
 #include <string>
 
 #include "common/base/status.h"
+#include "runtime/monitor/service_monitor.h"
 #include "runtime/service/wire_bytes.h"
+#include "runtime/service/wire_security.h"
 
 namespace panofix {
 
 struct FrameReceiverOptions {
   std::string endpoint;  // connected to; bound where it holds a '*'
   std::size_t max_message_bytes = std::size_t{64} << 20;
+  double max_rate_hz = 0;  // frames beyond are left out; 0 = no bound
+  WireSecurity security;
   double quiet_warning_s = 3;  // without a frame for this long a log line says so
 };
 
-struct FrameReceiverCounters {
-  std::int64_t frames = 0;   // that arrived
-  std::int64_t dropped = 0;  // of these: replaced by a newer one before they were taken
-  std::int64_t calibrations = 0;
-  std::int64_t malformed = 0, wrong_topic = 0, disconnects = 0;
+struct ArrivedFrame {
+  WireBytes payload;
+  std::chrono::steady_clock::time_point arrived;
 };
 
 // A slow taker always gets the newest frame, a few milliseconds old, instead of a growing backlog.
@@ -36,10 +38,10 @@ class FrameReceiver {
   FrameReceiver& operator=(const FrameReceiver&) = delete;
 
   // The newest payload of kFrameTopic since the last call; waits for one up to `timeout`.
-  [[nodiscard]] std::optional<WireBytes> TakeFrame(std::chrono::milliseconds timeout);
+  [[nodiscard]] std::optional<ArrivedFrame> TakeFrame(std::chrono::milliseconds timeout);
   // The newest payload of kCameraTopic since the last call.
   [[nodiscard]] std::optional<WireBytes> TakeCalibration();
-  [[nodiscard]] FrameReceiverCounters counters() const;
+  [[nodiscard]] FeedCounts counters() const;
   // Not ok once the socket itself has failed; nothing more will come then.
   [[nodiscard]] Status status() const;
   [[nodiscard]] const std::string& endpoint() const;

@@ -1,5 +1,6 @@
 // The real engine behind the service.
 
+#include "common/map/map_bundle.h"
 #include "runtime/service/frame_engine.h"
 #include "runtime/service/serve.h"
 
@@ -10,18 +11,38 @@ class LocalizerEngine : public FrameEngine {
  public:
   explicit LocalizerEngine(std::unique_ptr<Localizer> localizer)
       : localizer_(std::move(localizer)) {}
-  FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame) override {
-    return localizer_->Localize(timestamp_ns, frame);
+  FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
+                       const TimeIsUp& time_is_up) override {
+    return localizer_->Localize(timestamp_ns, frame, time_is_up);
   }
   FrameResult Undecodable(std::int64_t timestamp_ns) const override {
     return localizer_->Undecodable(timestamp_ns);
   }
   const BundleIdentity& bundle() const override { return localizer_->bundle(); }
   const Camera& camera() const override { return localizer_->camera(); }
+  void Forget() override { localizer_->Forget(); }
+  MapFacts facts() const override;
 
  private:
   std::unique_ptr<Localizer> localizer_;
 };
+
+MapFacts LocalizerEngine::facts() const {
+  const MapBundle& map = localizer_->map();
+  MapFacts facts;
+  facts.bundle = localizer_->bundle();
+  if (map.release()) facts.created_s = map.release()->statement.created_s;
+  for (const BundlePart& part : map.manifest().parts) {
+    if (part.path.starts_with("tiles/")) ++facts.num_tiles;
+  }
+  for (std::uint32_t p = 0; p < map.panoramas().size(); ++p) {
+    facts.panoramas.push_back(map.panoramas()[p].position);
+    for (const std::uint32_t link : map.panoramas()[p].links) {
+      if (p < link) facts.links.emplace_back(p, link);
+    }
+  }
+  return facts;
+}
 
 class LocalizerSource : public EngineSource {
  public:

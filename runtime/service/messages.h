@@ -52,6 +52,9 @@ struct IncomingFrame {
 // fit their step, too few bytes, an image that ends early. kTooLarge: more pixels than `limits`.
 [[nodiscard]] Result<GrayImage> ConvertFrame(const IncomingFrame& frame,
                                              const DecodeLimits& limits = {});
+// A frame of another size than the camera's is of no use; decoding one much larger is a waste that
+// a stranger could ask for.
+[[nodiscard]] DecodeLimits FrameLimitsFor(const Camera& camera);
 
 // ---- panofix.camera.v1
 

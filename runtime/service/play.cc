@@ -164,6 +164,7 @@ Status Play(const PlayOptions& options) {
     }
     PublisherOptions publisher_options;
     publisher_options.linger_ms = options.linger_ms;
+    publisher_options.security = options.security;
     auto publisher = Publisher::Bind(options.bind, publisher_options);
     if (!publisher.ok()) return publisher.status();
     return Player(options, std::move(*drive), std::move(*publisher)).Run();

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "common/base/status.h"
+#include "runtime/service/wire_security.h"
 
 namespace panofix {
 
@@ -17,7 +18,8 @@ struct PlayOptions {
   bool wait_for_subscriber = false;  // before the first frame, so that none is lost
   double subscriber_timeout_s = 0;   // give up waiting after so long; 0 = never
   bool restamp_now = false;          // capture time = time of sending instead of the recorded one
-  int linger_ms = 2000;              // time given to the last frames to leave
+  WireSecurity security;
+  int linger_ms = 2000;  // time given to the last frames to leave
   // Told the bound endpoint before anything is sent: for "tcp://127.0.0.1:*".
   std::function<void(const std::string& endpoint)> on_ready;
   void Check() const;  // throws std::invalid_argument

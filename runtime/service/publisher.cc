@@ -1,15 +1,51 @@
 // The publishing side: an XPUB socket, so that subscribers can be waited for.
 
+#include <set>
+
+#include "common/base/log.h"
+#include "runtime/service/log_throttle.h"
+#include "runtime/service/socket_monitor.h"
 #include "runtime/service/socket_support.h"
 #include "runtime/service/sockets.h"
+#include "runtime/service/zap_gate.h"
 
 namespace panofix {
 
 struct Publisher::Impl {
-  zmq::context_t context;  // outlives the socket
+  zmq::context_t context;  // outlives the sockets
+  std::optional<ZapGate> gate;
   zmq::socket_t socket;
+  std::optional<SocketMonitor> monitor;
   std::string endpoint;
+  std::int64_t num_without_key = 0;
+  std::set<std::uint32_t> subscribers;  // descriptors
+  LogThrottle connection_log, handshake_log;
+
+  void ReadEvents();
 };
+
+void Publisher::Impl::ReadEvents() {
+  for (const SocketEvent& event : monitor->Take()) {
+    switch (event.number) {
+      case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
+        subscribers.insert(event.value);
+        connection_log.Write(LogLevel::kInfo, endpoint + ": a subscriber has connected");
+        break;
+      case ZMQ_EVENT_DISCONNECTED:  // also told of those that were never let in
+        if (subscribers.erase(event.value) == 0) break;
+        connection_log.Write(LogLevel::kInfo, endpoint + ": a subscriber has gone");
+        break;
+      case ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL:
+      case ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL:
+        if (gate) ++num_without_key;
+        handshake_log.Warn(endpoint + (gate ? ": somebody without a key was turned away"
+                                            : ": somebody does not speak ZeroMQ, or with keys"));
+        break;
+      default:
+        break;
+    }
+  }
+}
 
 Publisher::Publisher(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Publisher::Publisher(Publisher&&) noexcept = default;
@@ -18,6 +54,8 @@ Publisher::~Publisher() = default;
 
 Result<Publisher> Publisher::Bind(const std::string& endpoint, const PublisherOptions& options) {
   if (Status status = CheckEndpoint("endpoint", endpoint); !status.ok()) return status;
+  const auto address = AddressToBind(endpoint, options.security);
+  if (!address.ok()) return address.status();
   // Subscribers send topic prefixes and nothing else.
   constexpr std::int64_t kMaxSubscriptionBytes = 1024;
   try {
@@ -28,7 +66,10 @@ Result<Publisher> Publisher::Bind(const std::string& endpoint, const PublisherOp
     impl->socket.set(zmq::sockopt::maxmsgsize, kMaxSubscriptionBytes);
     impl->socket.set(zmq::sockopt::xpub_verbose, true);
     socket_support::SetHeartbeat(impl->socket);
-    impl->socket.bind(endpoint);
+    if (options.security.own) impl->gate.emplace(impl->context, options.security.client_keys);
+    socket_support::SetSecurity(impl->socket, options.security, true);
+    impl->monitor.emplace(impl->context, impl->socket, "publisher");
+    impl->socket.bind(*address);
     impl->endpoint = impl->socket.get(zmq::sockopt::last_endpoint);
     return Publisher(std::move(impl));
   } catch (const zmq::error_t& error) {
@@ -49,6 +90,7 @@ Status Publisher::Send(std::string_view topic, std::span<const std::uint8_t> pay
 std::vector<std::string> Publisher::TakeSubscriptions(int timeout_ms) {
   std::vector<std::string> topics;
   try {
+    impl_->ReadEvents();
     zmq::pollitem_t item{impl_->socket.handle(), 0, ZMQ_POLLIN, 0};
     zmq::poll(&item, 1, std::chrono::milliseconds(timeout_ms));
     zmq::message_t message;
@@ -65,6 +107,9 @@ std::vector<std::string> Publisher::TakeSubscriptions(int timeout_ms) {
   return topics;
 }
 
+std::int64_t Publisher::num_denied() const {
+  return impl_->num_without_key + (impl_->gate ? impl_->gate->num_denied() : 0);
+}
 const std::string& Publisher::endpoint() const { return impl_->endpoint; }
 
 }  // namespace panofix

@@ -126,6 +126,7 @@ Status RecordRows(const RecordOptions& options) {
   subscriber_options.topics = {kPoseTopic};
   subscriber_options.max_message_bytes = std::size_t{1} << 20;  // a result takes about 1 kB
   subscriber_options.receive_queue_messages = 10'000;           // every row counts
+  subscriber_options.security = options.security;
   auto subscriber = Subscriber::Open(options.poses, subscriber_options);
   if (!subscriber.ok()) return subscriber.status();
   RowFile file(options.out);

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "common/base/status.h"
+#include "runtime/service/wire_security.h"
 
 namespace panofix {
 
@@ -16,7 +17,8 @@ struct RecordOptions {
   std::filesystem::path out;                 // poses.csv; replaced at the end if it is there
   std::optional<std::filesystem::path> log;  // also a run log (JSON): latency by stage, comparisons
   std::int64_t count = 0;                    // stop after so many rows; 0 = no bound
-  double idle_timeout_s = 0;                 // stop after so long without a row; 0 = never
+  WireSecurity security;
+  double idle_timeout_s = 0;  // stop after so long without a row; 0 = never
   // Told once the subscription is under way, with the endpoint.
   std::function<void(const std::string& endpoint)> on_ready;
   void Check() const;  // throws std::invalid_argument

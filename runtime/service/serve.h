@@ -10,6 +10,7 @@
 #include "common/base/status.h"
 #include "runtime/localizer/localizer.h"
 #include "runtime/service/frame_engine.h"
+#include "runtime/service/wire_security.h"
 
 namespace panofix {
 
@@ -23,12 +24,25 @@ struct ServeOptions {
   double camera_wait_s = 2;
   LocalizerOptions localizer;
   std::size_t max_message_bytes = std::size_t{64} << 20;  // a larger frame ends the connection
+  double max_rate_hz = 120;  // frames that come faster are left out; 0 = no bound
+  WireSecurity frames_security, poses_security;
+  // From a frame's arrival: work on it ends at the next step and it is answered no_fix, "deadline";
+  // 0 = none.
+  double deadline_ms = 0;
+  // Port on 127.0.0.1 for /metrics, /healthz, /readyz and the live page; 0 = any; absent = none.
+  std::optional<int> http_port;
+  std::string requests;  // endpoint for single images on request; empty = none
+  // MCAP file to keep the run in, or a folder for it; see SessionRecorder.
+  std::optional<std::filesystem::path> record;
+  double update_interval_s = 1;   // between looks for a newer map
   double quiet_warning_s = 3;     // without a frame for this long a log line says so
   double report_interval_s = 30;  // between log lines with counts
   std::int64_t max_frames = 0;    // stop after so many answers; 0 = when told to
   // Told the bound pose endpoint once frames are awaited: for "tcp://127.0.0.1:*".
   std::function<void(const std::string& poses)> on_ready;
-  void Check() const;  // throws std::invalid_argument
+  std::function<void(int port)> on_http;  // told the HTTP port, if there is one
+  std::function<void(const std::string& requests)> on_requests;  // and that endpoint
+  void Check() const;                                            // throws std::invalid_argument
 };
 
 // Answers each frame that it takes with one LocalizationResult, and with one LocationFix where

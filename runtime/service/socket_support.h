@@ -5,6 +5,7 @@
 #include <zmq.hpp>
 
 #include "common/base/status.h"
+#include "runtime/service/wire_security.h"
 
 namespace panofix::socket_support {
 
@@ -37,9 +38,26 @@ inline Status EndpointError(const std::string& endpoint, const char* verb,
 // Peers that stop answering are dropped after this long; a healthy one answers in milliseconds.
 constexpr int kHeartbeatInterval_ms = 1000, kHeartbeatTimeout_ms = 3000;
 
+// Before bind or connect. A bound socket with keys needs a ZapGate in its context.
+inline void SetSecurity(zmq::socket_t& socket, const WireSecurity& security, bool binds) {
+  if (!security.own) return;
+  socket.set(zmq::sockopt::curve_publickey, security.own->public_key);
+  socket.set(zmq::sockopt::curve_secretkey, security.own->secret_key);
+  if (binds) {
+    socket.set(zmq::sockopt::curve_server, true);
+    socket.set(zmq::sockopt::zap_domain, "panofix");
+  } else {
+    socket.set(zmq::sockopt::curve_serverkey, security.server_key);
+  }
+}
+
+// Peers that connect and then say nothing are dropped after this long.
+constexpr int kHandshakeTimeout_ms = 5000;
+
 inline void SetHeartbeat(zmq::socket_t& socket) {
   socket.set(zmq::sockopt::heartbeat_ivl, kHeartbeatInterval_ms);
   socket.set(zmq::sockopt::heartbeat_timeout, kHeartbeatTimeout_ms);
+  socket.set(zmq::sockopt::handshake_ivl, kHandshakeTimeout_ms);
   socket.set(zmq::sockopt::heartbeat_ttl, kHeartbeatTimeout_ms);
 }
 

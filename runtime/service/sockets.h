@@ -13,6 +13,7 @@
 
 #include "common/base/status.h"
 #include "runtime/service/wire_bytes.h"
+#include "runtime/service/wire_security.h"
 
 namespace panofix {
 
@@ -22,6 +23,7 @@ namespace panofix {
 struct PublisherOptions {
   int send_queue_messages = 64;  // kept for a slow subscriber; what comes after is dropped for it
   int linger_ms = 1000;          // how long the destructor waits for the last messages to leave
+  WireSecurity security;
 };
 
 class Publisher {
@@ -38,6 +40,8 @@ class Publisher {
   // Waits up to `timeout_ms` for subscribers and returns the topic prefixes that they asked for
   // since the last call ("" is everything). Call it now and then: subscriptions queue up.
   [[nodiscard]] std::vector<std::string> TakeSubscriptions(int timeout_ms);
+  // Peers turned away: with a key that is not listed, or without one where one is asked for.
+  [[nodiscard]] std::int64_t num_denied() const;
   // The bound address, with the port where the system chose it.
   [[nodiscard]] const std::string& endpoint() const;
 
@@ -51,12 +55,14 @@ struct SubscriberOptions {
   std::vector<std::string_view> topics;
   std::size_t max_message_bytes = std::size_t{64} << 20;  // a larger one ends the connection
   int receive_queue_messages = 2;                         // 0 = no bound
+  WireSecurity security;
 };
 
 struct SubscriberCounters {
   std::int64_t malformed = 0;    // not two parts
   std::int64_t wrong_topic = 0;  // two parts, but of no topic asked for
   std::int64_t connects = 0, disconnects = 0;
+  std::int64_t denied = 0;  // peers that were turned away, or turned us away, for their or our key
 };
 
 struct WireMessage {
@@ -76,7 +82,7 @@ class Subscriber {
 
   // The next well-formed message, or nothing within `timeout_ms`; counts and skips the others.
   [[nodiscard]] Result<std::optional<WireMessage>> Receive(int timeout_ms);
-  [[nodiscard]] const SubscriberCounters& counters() const;
+  [[nodiscard]] SubscriberCounters counters() const;
   // The bound address, or the one connected to.
   [[nodiscard]] const std::string& endpoint() const;
 

@@ -1,12 +1,13 @@
 // The subscribing side: a SUB socket and the monitor that tells of its connections.
 
 #include <chrono>
-#include <cstring>
 
 #include "common/base/log.h"
 #include "runtime/service/log_throttle.h"
+#include "runtime/service/socket_monitor.h"
 #include "runtime/service/socket_support.h"
 #include "runtime/service/sockets.h"
+#include "runtime/service/zap_gate.h"
 
 namespace panofix {
 namespace {
@@ -19,7 +20,9 @@ constexpr std::chrono::milliseconds kReopenDelay(200);
 
 struct Subscriber::Impl {
   zmq::context_t context;  // outlives the sockets
-  zmq::socket_t socket, monitor;
+  std::optional<ZapGate> gate;
+  zmq::socket_t socket;
+  std::optional<SocketMonitor> monitor;
   std::string endpoint;
   bool binds = false;
   SubscriberOptions options;
@@ -28,13 +31,7 @@ struct Subscriber::Impl {
   std::optional<Clock::time_point> reopen_at;
   LogThrottle connection_log, handshake_log, malformed_log;
 
-  ~Impl() { StopMonitor(); }
   void Open();
-  void StartMonitor();
-  void StopMonitor() {
-    if (socket) zmq_socket_monitor(socket.handle(), nullptr, 0);
-  }
-  void ReadEvents();
   void HandleEvent(std::uint16_t event);
   std::optional<WireMessage> ReceiveOne();
 };
@@ -42,7 +39,7 @@ struct Subscriber::Impl {
 // Makes the socket, or makes it anew: ZeroMQ reconnects by itself after a broken connection, but
 // gives an address up for good once its peer broke the protocol or sent a message above the limit.
 void Subscriber::Impl::Open() {
-  StopMonitor();
+  monitor.reset();
   reopen_at.reset();
   socket = zmq::socket_t(context, zmq::socket_type::sub);
   socket.set(zmq::sockopt::linger, 0);
@@ -55,37 +52,14 @@ void Subscriber::Impl::Open() {
   for (const std::string_view topic : options.topics) {
     socket.set(zmq::sockopt::subscribe, zmq::buffer(topic.data(), topic.size()));
   }
-  StartMonitor();
+  socket_support::SetSecurity(socket, options.security, binds);
+  // A name of its own: the monitor before may still be closing.
+  monitor.emplace(context, socket, std::to_string(num_opened++));
   if (binds) {
     socket.bind(endpoint);
     endpoint = socket.get(zmq::sockopt::last_endpoint);
   } else {
     socket.connect(endpoint);
-  }
-}
-
-void Subscriber::Impl::StartMonitor() {
-  // A name of its own: the monitor before may still be closing.
-  const std::string address = "inproc://panofix.monitor." + std::to_string(num_opened++);
-  if (zmq_socket_monitor(socket.handle(), address.c_str(),
-                         ZMQ_EVENT_CONNECTED | ZMQ_EVENT_ACCEPTED | ZMQ_EVENT_DISCONNECTED |
-                             ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL |
-                             ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL) != 0) {
-    throw zmq::error_t();
-  }
-  monitor = zmq::socket_t(context, zmq::socket_type::pair);
-  monitor.set(zmq::sockopt::linger, 0);
-  monitor.connect(address);
-}
-
-void Subscriber::Impl::ReadEvents() {
-  zmq::message_t event, address;
-  while (monitor.recv(event, zmq::recv_flags::dontwait)) {
-    if (event.more() && !monitor.recv(address)) return;
-    std::uint16_t number = 0;
-    if (event.size() < sizeof(number)) continue;
-    std::memcpy(&number, event.data(), sizeof(number));
-    HandleEvent(number);
   }
 }
 
@@ -104,9 +78,22 @@ void Subscriber::Impl::HandleEvent(std::uint16_t event) {
                  "%zu bytes; waiting for it",
                  endpoint.c_str(), options.max_message_bytes));
       break;
+    case ZMQ_EVENT_HANDSHAKE_FAILED_AUTH:
+      // Bound, the gate has counted it.
+      if (!binds) ++counters.denied;
+      handshake_log.Warn(endpoint + (binds ? ": a publisher was turned away for its key"
+                                           : ": turned away; is our key listed there?"));
+      break;
+    case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
+      break;
     default:
+      if (options.security.own) ++counters.denied;
       if (!binds) reopen_at = Clock::now() + kReopenDelay;
-      handshake_log.Warn(endpoint + ": the other side does not speak ZeroMQ; check the port");
+      handshake_log.Warn(endpoint +
+                         (options.security.own
+                              ? ": the other side has another key, or none; check the keys"
+                              : ": the other side does not speak ZeroMQ, or wants keys; check the "
+                                "port and --secret-key"));
   }
 }
 
@@ -153,6 +140,12 @@ Result<Subscriber> Subscriber::Open(const std::string& endpoint, const Subscribe
   impl->binds = endpoint.find('*') != std::string::npos;
   impl->options = options;
   try {
+    if (impl->binds) {
+      const auto address = AddressToBind(endpoint, options.security);
+      if (!address.ok()) return address.status();
+      impl->endpoint = *address;
+      if (options.security.own) impl->gate.emplace(impl->context, options.security.client_keys);
+    }
     impl->Open();
   } catch (const zmq::error_t& error) {
     return socket_support::EndpointError(endpoint, impl->binds ? "bind" : "connect", error);
@@ -163,9 +156,11 @@ Result<Subscriber> Subscriber::Open(const std::string& endpoint, const Subscribe
 Result<std::optional<WireMessage>> Subscriber::Receive(int timeout_ms) {
   try {
     zmq::pollitem_t items[] = {{impl_->socket.handle(), 0, ZMQ_POLLIN, 0},
-                               {impl_->monitor.handle(), 0, ZMQ_POLLIN, 0}};
+                               {impl_->monitor->handle(), 0, ZMQ_POLLIN, 0}};
     zmq::poll(items, 2, std::chrono::milliseconds(timeout_ms));
-    if (items[1].revents != 0) impl_->ReadEvents();
+    if (items[1].revents != 0) {
+      for (const SocketEvent& event : impl_->monitor->Take()) impl_->HandleEvent(event.number);
+    }
     if (items[0].revents != 0) return impl_->ReceiveOne();
     // Only now: what the old socket has received is not lost.
     if (impl_->reopen_at && Clock::now() >= *impl_->reopen_at) impl_->Open();
@@ -178,7 +173,11 @@ Result<std::optional<WireMessage>> Subscriber::Receive(int timeout_ms) {
   }
 }
 
-const SubscriberCounters& Subscriber::counters() const { return impl_->counters; }
+SubscriberCounters Subscriber::counters() const {
+  SubscriberCounters counters = impl_->counters;
+  if (impl_->gate) counters.denied += impl_->gate->num_denied();
+  return counters;
+}
 const std::string& Subscriber::endpoint() const { return impl_->endpoint; }
 
 }  // namespace panofix

@@ -76,6 +76,7 @@ const std::vector<Door>& Doors() {
       {"sodium.h", {"common/sign", "builder/ship", "tests/support"}},
       {"zstd.h", {"builder/ship", "runtime/store", "tests/runtime", "tests/builder"}},
       {"curl/", {"runtime/store"}},
+      {"httplib.h", {"runtime/monitor", "tests/runtime", "tests/e2e"}},
       {"gtest/", {"tests"}},
       {"gmock/", {"tests"}},
       {"benchmark/", {"tests/bench"}}};

@@ -20,10 +20,22 @@ std::vector<std::uint8_t> Encode(const char* extension, int width_px, int height
 
 class FakeEngine : public FrameEngine {
  public:
-  FakeEngine(FakeSource& source, const Camera& camera)
-      : source_(source), camera_(camera), bundle_(SampleBundle()) {}
-  FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame) override {
-    SleepMs(source_.work_ms);
+  FakeEngine(FakeSource& source, const Camera& camera,
+             const BundleIdentity& bundle = SampleBundle())
+      : source_(source), camera_(camera), bundle_(bundle) {}
+  FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
+                       const TimeIsUp& time_is_up) override {
+    ++source_.num_begun;
+    // Steps of a millisecond, so that there is something to end between.
+    const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(source_.work_ms);
+    do {
+      if (time_is_up && time_is_up()) {
+        FrameResult late = SampleNoFix(timestamp_ns);
+        late.reason = "deadline";
+        return late;
+      }
+      SleepMs(1);
+    } while (std::chrono::steady_clock::now() < end);
     ++source_.num_localized;
     if (frame.width_px == camera_.width_px && frame.height_px == camera_.height_px) {
       return SampleFix(timestamp_ns);
@@ -39,6 +51,15 @@ class FakeEngine : public FrameEngine {
   }
   const BundleIdentity& bundle() const override { return bundle_; }
   const Camera& camera() const override { return camera_; }
+  void Forget() override { ++source_.num_forgotten; }
+  MapFacts facts() const override {
+    MapFacts facts;
+    facts.bundle = bundle_;
+    facts.num_tiles = 3;
+    facts.panoramas = {{48.8462, 2.3371, 90}, {48.8463, 2.3372, 90}};
+    facts.links = {{0, 1}};
+    return facts;
+  }
 
  private:
   FakeSource& source_;
@@ -126,6 +147,14 @@ Result<std::unique_ptr<FrameEngine>> FakeSource::Open(const Camera& camera) {
   return std::unique_ptr<FrameEngine>(std::make_unique<FakeEngine>(*this, camera));
 }
 
+Result<std::unique_ptr<FrameEngine>> FakeSource::OpenUpdate(const Camera& camera) {
+  SleepMs(update_ms);
+  if (opening_ < 0) return Status(ErrorCode::kBadData, "the newer map is broken");
+  BundleIdentity bundle = SampleBundle();
+  bundle.build = opening_;
+  return std::unique_ptr<FrameEngine>(std::make_unique<FakeEngine>(*this, camera, bundle));
+}
+
 std::vector<Camera> FakeSource::opened() const {
   const std::lock_guard lock(mutex_);
   return opened_;
@@ -167,6 +196,7 @@ ServeOptions ServeOptionsFor(const std::string& frames) {
   options.frames = frames;
   options.poses = kAnyPort;
   options.camera_wait_s = 0;
+  options.max_rate_hz = 0;
   return options;
 }
 

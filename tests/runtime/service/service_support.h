@@ -79,14 +79,20 @@ class FakeSource : public EngineSource {
  public:
   Result<Camera> BundleCamera() override { return SampleCamera(); }
   Result<std::unique_ptr<FrameEngine>> Open(const Camera& camera) override;
+  bool HasUpdate() override { return (opening_ = next_build.exchange(0)) != 0; }
+  Result<std::unique_ptr<FrameEngine>> OpenUpdate(const Camera& camera) override;
 
   [[nodiscard]] std::vector<Camera> opened() const;
   std::atomic<int> work_ms{0};  // how long a frame takes
-  std::atomic<int> num_localized{0};
+  std::atomic<int> num_begun{0}, num_localized{0}, num_forgotten{0};
+  std::atomic<int> update_ms{0};  // how long a newer map takes to open
+  std::atomic<std::int64_t> next_build{
+      0};  // a newer map of this build is there; negative: a bad one
 
  private:
   mutable std::mutex mutex_;
   std::vector<Camera> opened_;
+  std::int64_t opening_ = 0;
 };
 
 // Runs ServeFrom in a thread; the destructor stops it.

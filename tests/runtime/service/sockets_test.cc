@@ -120,7 +120,11 @@ TEST_F(Sockets, OtherNumbersOfPartsAreCountedAndSurvived) {
 
 std::unique_ptr<FrameReceiver> OpenReceiver(const std::string& endpoint,
                                             std::size_t max_message_bytes = 1 << 20) {
-  return ValueOrThrow(FrameReceiver::Open({endpoint, max_message_bytes, 0.05}));
+  FrameReceiverOptions options;
+  options.endpoint = endpoint;
+  options.max_message_bytes = max_message_bytes;
+  options.quiet_warning_s = 0.05;
+  return ValueOrThrow(FrameReceiver::Open(options));
 }
 
 // Sends one-byte frames until one arrives that holds `value`.
@@ -129,7 +133,7 @@ bool DeliverUntil(Publisher& publisher, FrameReceiver& receiver, std::uint8_t va
   return Eventually([&] {
     EXPECT_TRUE(publisher.Send(kFrameTopic, payload).ok());
     const auto frame = receiver.TakeFrame(std::chrono::milliseconds(20));
-    return frame && frame->bytes[0] == value;
+    return frame && frame->payload.bytes[0] == value;
   });
 }
 
@@ -137,7 +141,7 @@ TEST_F(FrameReceiving, TheNewestFrameWins) {
   Publisher publisher = OpenPublisher();
   const auto receiver = OpenReceiver(publisher.endpoint());
   ASSERT_TRUE(DeliverUntil(publisher, *receiver, 0));
-  const FrameReceiverCounters before = receiver->counters();
+  const FeedCounts before = receiver->counters();
   // Paced, so that no queue on the way overflows: what is tested is the mailbox.
   for (std::uint8_t i = 1; i <= 50; ++i) {
     ASSERT_TRUE(publisher.Send(kFrameTopic, std::vector<std::uint8_t>{i}).ok());
@@ -148,9 +152,9 @@ TEST_F(FrameReceiving, TheNewestFrameWins) {
   }
   const auto frame = receiver->TakeFrame(std::chrono::milliseconds(0));
   ASSERT_TRUE(frame.has_value());
-  EXPECT_EQ(frame->bytes[0], 50);
+  EXPECT_EQ(frame->payload.bytes[0], 50);
   EXPECT_FALSE(receiver->TakeFrame(std::chrono::milliseconds(0)).has_value());
-  EXPECT_GE(receiver->counters().dropped - before.dropped, 49);
+  EXPECT_GE(receiver->counters().replaced - before.replaced, 49);
 }
 
 TEST_F(FrameReceiving, CalibrationHasAMailboxOfItsOwn) {

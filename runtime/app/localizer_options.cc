@@ -1,0 +1,32 @@
+#include "runtime/app/localizer_options.h"
+
+#include <CLI/CLI.hpp>
+
+#include "runtime/localizer/levers.h"
+
+namespace panofix {
+
+void AddTrustedKeyOption(CLI::App* command, std::vector<std::filesystem::path>* keys) {
+  command->add_option("--trusted-key", *keys,
+                      "public key that the bundle must be signed with; may be repeated (default: "
+                      "the bundle may be unsigned, and every pose says so)");
+}
+
+void AddLocalizerOptions(CLI::App* command, LocalizerOptions* options) {
+  command
+      ->add_option("--preset", options->preset,
+                   "default, or paper: the published method, for comparison (its maps too)")
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--add", options->add,
+          "what the default has over the paper, piece by piece, for ablations:\n" + LeverHelp())
+      ->delimiter(',')
+      ->type_name("LEVER[,LEVER...]");
+  command->add_option("--threads", options->num_threads, "processors to use; 0 = all")
+      ->capture_default_str();
+  command->add_option("--seed", options->seed, "seed of the robust search; same frames, same poses")
+      ->capture_default_str();
+}
+
+}  // namespace panofix

@@ -1,0 +1,148 @@
+#include "runtime/service/engine_keeper.h"
+
+#include "common/base/log.h"
+#include "runtime/service/messages.h"
+#include "runtime/service/topics.h"
+
+namespace panofix {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+bool SameCamera(const Camera& a, const Camera& b) {
+  return a.width_px == b.width_px && a.height_px == b.height_px && a.fx_px == b.fx_px &&
+         a.fy_px == b.fy_px && a.cx_px == b.cx_px && a.cy_px == b.cy_px &&
+         a.distortion == b.distortion &&
+         (a.distortion_model == b.distortion_model || !a.HasDistortion());
+}
+
+std::string Size(const Camera& camera) {
+  return Format("%dx%d", camera.width_px, camera.height_px);
+}
+
+std::string Describe(const BundleIdentity& bundle) {
+  return Format("bundle %s, build %lld, id %.12s%s", bundle.name.c_str(),
+                static_cast<long long>(bundle.build), bundle.id.c_str(),
+                bundle.is_signed ? "" : ", UNSIGNED");
+}
+
+}  // namespace
+
+// A map that is still being opened uses the source.
+EngineKeeper::~EngineKeeper() {
+  if (update_.valid()) update_.wait();
+}
+
+void EngineKeeper::Use(std::unique_ptr<FrameEngine> engine) {
+  engine_ = std::move(engine);
+  {
+    const std::lock_guard lock(camera_mutex_);
+    camera_ = engine_->camera();
+  }
+  ++generation_;
+  monitor_.SetMap(engine_->facts());
+}
+
+EngineKeeper::Opened EngineKeeper::OpenAnother() {
+  const std::lock_guard source_lock(source_mutex_);
+  Camera camera;
+  {
+    const std::lock_guard lock(camera_mutex_);
+    camera = camera_;
+  }
+  return source_.Open(camera);
+}
+
+Status EngineKeeper::Open() {
+  const std::lock_guard lock(source_mutex_);
+  auto bundle_camera = source_.BundleCamera();
+  if (!bundle_camera.ok()) return bundle_camera.status();
+  bundle_camera_ = *bundle_camera;
+  Camera camera = bundle_camera_;
+  if (options_.camera) {
+    auto given = ReadCameraYaml(*options_.camera);
+    if (!given.ok()) return given.status();
+    camera = *given;
+    camera_is_known_ = true;
+  }
+  auto engine = source_.Open(camera);
+  if (!engine.ok()) return engine.status();
+  Use(std::move(*engine));
+  LogInfo(Describe(engine_->bundle()));
+  return {};
+}
+
+void EngineKeeper::TakeCalibration(const WireBytes& payload) {
+  const auto camera = UnpackCalibration(payload);
+  if (!camera.ok()) {
+    calibration_log_.Warn("calibration refused: " + camera.status().message());
+    return;
+  }
+  if (SameCamera(*camera, engine_->camera())) {
+    camera_is_known_ = true;
+    return;
+  }
+  if (options_.camera) {
+    calibration_log_.Warn("calibration of the feed differs from " + options_.camera->string() +
+                          "; the file is used");
+    return;
+  }
+  if (camera->width_px != bundle_camera_.width_px ||
+      camera->height_px != bundle_camera_.height_px) {
+    calibration_log_.Warn("calibration refused: " + Size(*camera) +
+                          " pixels, but the bundle is for " + Size(bundle_camera_) +
+                          "; build a bundle for this camera");
+    return;
+  }
+  // A map under way would come for the old camera; the next calibration, a second later, is taken.
+  if (update_.valid()) return;
+  std::unique_lock lock(source_mutex_);
+  auto engine = source_.Open(*camera);
+  lock.unlock();
+  if (!engine.ok()) {
+    calibration_log_.Warn("calibration refused: " + engine.status().message());
+    return;
+  }
+  Use(std::move(*engine));
+  camera_is_known_ = true;
+  LogInfo("calibration taken from the feed");
+}
+
+bool EngineKeeper::CameraIsKnown(double waited_s) {
+  if (camera_is_known_ || waited_s < options_.camera_wait_s) return camera_is_known_;
+  LogWarning(
+      Format("%s: no usable calibration on %s within %.1f s of the first frame; using the "
+             "bundle's camera. Publish one, or give --camera",
+             options_.frames.c_str(), std::string(kCameraTopic).c_str(), options_.camera_wait_s));
+  camera_is_known_ = true;
+  return true;
+}
+
+void EngineKeeper::TakeUpdate() {
+  if (!update_.valid()) {
+    const auto now = Clock::now();
+    if (now - asked_ < std::chrono::duration<double>(options_.update_interval_s)) return;
+    asked_ = now;
+    const std::unique_lock lock(source_mutex_, std::try_to_lock);
+    if (!lock || !source_.HasUpdate()) return;
+    LogInfo("a newer map is active; opening it beside the one in use");
+    update_ = std::async(std::launch::async, [this, camera = engine_->camera()] {
+      const std::lock_guard update_lock(source_mutex_);
+      return source_.OpenUpdate(camera);
+    });
+    return;
+  }
+  if (update_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
+  Opened opened = update_.get();
+  if (!opened.ok()) {
+    monitor_.Count(&MonitorSnapshot::num_failed_swaps);
+    Log(LogLevel::kError, "the newer map does not open: " + opened.status().message() +
+                              "; going on with " + Describe(engine_->bundle()));
+    return;
+  }
+  Use(std::move(*opened));
+  monitor_.Count(&MonitorSnapshot::num_swaps);
+  LogInfo("now " + Describe(engine_->bundle()));
+}
+
+}  // namespace panofix

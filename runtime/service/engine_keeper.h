@@ -1,0 +1,60 @@
+#pragma once
+// The engine in use, and when it becomes another one: a calibration from the feed, a new map.
+
+#include <atomic>
+#include <future>
+#include <memory>
+#include <mutex>
+
+#include "runtime/service/frame_engine.h"
+#include "runtime/service/log_throttle.h"
+#include "runtime/service/serve.h"
+#include "runtime/service/wire_bytes.h"
+
+namespace panofix {
+
+// Used by the service's thread alone; what it refers to outlives it.
+class EngineKeeper {
+ public:
+  EngineKeeper(const ServeOptions& options, EngineSource& source, ServiceMonitor& monitor)
+      : options_(options), source_(source), monitor_(monitor) {}
+  ~EngineKeeper();
+
+  // Opens the map before the first calibration can arrive, so that a bad one is told at once.
+  [[nodiscard]] Status Open();
+  [[nodiscard]] FrameEngine& engine() { return *engine_; }
+  // Goes up by one whenever the engine is another one. Thread-safe.
+  [[nodiscard]] int generation() const { return generation_; }
+
+  // Takes what the feed says of its camera: another engine where it differs and fits the bundle.
+  void TakeCalibration(const WireBytes& payload);
+  // Whether frames may be answered: they are left unanswered for a while before the calibration,
+  // because a wrong camera gives wrong poses. `waited_s`: since the first frame.
+  [[nodiscard]] bool CameraIsKnown(double waited_s);
+  // One more engine like the one in use. Thread-safe.
+  [[nodiscard]] Result<std::unique_ptr<FrameEngine>> OpenAnother();
+
+  // Asks for a newer map now and then, opens it beside the one in use and takes it once it is
+  // ready. Never waits.
+  void TakeUpdate();
+
+ private:
+  using Opened = Result<std::unique_ptr<FrameEngine>>;
+  void Use(std::unique_ptr<FrameEngine> engine);
+
+  const ServeOptions& options_;
+  EngineSource& source_;
+  ServiceMonitor& monitor_;
+  std::unique_ptr<FrameEngine> engine_;
+  Camera bundle_camera_;
+  bool camera_is_known_ = false;
+  std::atomic<int> generation_{0};
+  std::mutex source_mutex_;     // guards source_, whoever asks it
+  std::mutex camera_mutex_;     // guards camera_
+  Camera camera_;               // of the engine in use
+  std::future<Opened> update_;  // valid while a newer map is being opened
+  std::chrono::steady_clock::time_point asked_;
+  LogThrottle calibration_log_;
+};
+
+}  // namespace panofix

@@ -1,0 +1,139 @@
+#include "runtime/service/request_server.h"
+
+#include <atomic>
+#include <optional>
+#include <thread>
+
+#include "common/base/log.h"
+#include "runtime/service/messages.h"
+#include "runtime/service/socket_support.h"
+#include "runtime/service/sockets.h"
+#include "runtime/service/topics.h"
+#include "runtime/service/zap_gate.h"
+
+namespace panofix {
+namespace {
+
+struct Reply {
+  std::string_view topic;
+  std::vector<std::uint8_t> payload;
+};
+
+Reply ErrorReply(const std::string& text) { return {kErrorTopic, {text.begin(), text.end()}}; }
+
+}  // namespace
+
+struct RequestServer::Impl {
+  ~Impl() {
+    stop = true;
+    if (thread.joinable()) thread.join();
+  }
+  void Run();
+  // The parts of a request, however many.
+  std::vector<std::shared_ptr<zmq::message_t>> Receive();
+  Reply Answer(std::vector<std::shared_ptr<zmq::message_t>> parts);
+
+  zmq::context_t context;  // outlives the sockets
+  std::optional<ZapGate> gate;
+  zmq::socket_t socket;
+  std::string endpoint;
+  std::function<int()> generation;
+  std::function<Opened()> open;
+  ServiceMonitor* monitor = nullptr;
+  std::unique_ptr<FrameEngine> engine;
+  int engine_generation = -1;
+  std::atomic<bool> stop{false};
+  std::thread thread;
+};
+
+std::vector<std::shared_ptr<zmq::message_t>> RequestServer::Impl::Receive() {
+  constexpr std::size_t kMostKept = 3;  // one more than a good request has
+  std::vector<std::shared_ptr<zmq::message_t>> parts;
+  bool more = true;
+  while (more) {
+    auto part = std::make_shared<zmq::message_t>();
+    if (!socket.recv(*part)) break;
+    more = part->more();
+    if (parts.size() < kMostKept) parts.push_back(std::move(part));
+  }
+  return parts;
+}
+
+Reply RequestServer::Impl::Answer(std::vector<std::shared_ptr<zmq::message_t>> parts) {
+  if (parts.size() != 2 || parts[0]->to_string_view() != kFrameTopic) {
+    return ErrorReply("send two parts: " + std::string(kFrameTopic) + " and a frame");
+  }
+  const auto start = std::chrono::steady_clock::now();
+  WireBytes payload;
+  payload.bytes = {parts[1]->data<std::uint8_t>(), parts[1]->size()};
+  payload.owner = std::move(parts[1]);
+  const auto frame = UnpackFrame(payload);
+  if (!frame.ok()) return ErrorReply(frame.status().message());
+  if (const int now = generation(); !engine || now != engine_generation) {
+    auto opened = open();
+    if (!opened.ok()) return ErrorReply(opened.status().message());
+    engine = std::move(*opened);
+    engine_generation = now;
+  }
+  const auto gray = ConvertFrame(*frame, FrameLimitsFor(engine->camera()));
+  const double decode_ms =
+      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  engine->Forget();
+  FrameResult result = gray.ok() ? engine->Localize(frame->timestamp_ns, *gray, {})
+                                 : engine->Undecodable(frame->timestamp_ns);
+  result.timestamp_ns = frame->timestamp_ns;
+  return {kPoseTopic, PackResult(result, engine->bundle(), decode_ms)};
+}
+
+void RequestServer::Impl::Run() {
+  constexpr std::chrono::milliseconds kPoll(50);  // bounds the time to a stop
+  while (!stop) {
+    try {
+      zmq::pollitem_t item{socket.handle(), 0, ZMQ_POLLIN, 0};
+      if (zmq::poll(&item, 1, kPoll) == 0) continue;
+      const Reply reply = Answer(Receive());
+      monitor->Count(&MonitorSnapshot::num_requests);
+      socket.send(zmq::buffer(reply.topic), zmq::send_flags::sndmore);
+      socket.send(zmq::buffer(reply.payload), zmq::send_flags::none);
+    } catch (const zmq::error_t& error) {
+      if (error.num() == EINTR) continue;
+      Log(LogLevel::kError, endpoint + ": no more requests are answered: " + error.what());
+      return;
+    }
+  }
+}
+
+RequestServer::RequestServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+RequestServer::~RequestServer() = default;
+const std::string& RequestServer::endpoint() const { return impl_->endpoint; }
+
+Result<std::unique_ptr<RequestServer>> RequestServer::Start(const RequestServerOptions& options,
+                                                            std::function<int()> generation,
+                                                            std::function<Opened()> open,
+                                                            ServiceMonitor& monitor) {
+  if (Status status = CheckEndpoint("requests", options.endpoint); !status.ok()) return status;
+  const auto address = AddressToBind(options.endpoint, options.security);
+  if (!address.ok()) return address.status();
+  auto impl = std::make_unique<Impl>();
+  impl->generation = std::move(generation);
+  impl->open = std::move(open);
+  impl->monitor = &monitor;
+  try {
+    impl->socket = zmq::socket_t(impl->context, zmq::socket_type::rep);
+    if (options.security.own) impl->gate.emplace(impl->context, options.security.client_keys);
+    impl->socket.set(zmq::sockopt::linger, 0);
+    impl->socket.set(zmq::sockopt::maxmsgsize,
+                     static_cast<std::int64_t>(options.max_message_bytes));
+    impl->socket.set(zmq::sockopt::rcvhwm, 2);  // a peer that does not wait for answers waits
+    socket_support::SetHeartbeat(impl->socket);
+    socket_support::SetSecurity(impl->socket, options.security, true);
+    impl->socket.bind(*address);
+    impl->endpoint = impl->socket.get(zmq::sockopt::last_endpoint);
+  } catch (const zmq::error_t& error) {
+    return socket_support::EndpointError(options.endpoint, "bind", error);
+  }
+  impl->thread = std::thread([raw = impl.get()] { raw->Run(); });
+  return std::unique_ptr<RequestServer>(new RequestServer(std::move(impl)));
+}
+
+}  // namespace panofix

@@ -1,0 +1,110 @@
+// Single images on request, over real sockets.
+#include <gtest/gtest.h>
+
+#include <zmq.hpp>
+
+#include "tests/runtime/service/service_support.h"
+
+namespace panofix {
+namespace {
+
+using namespace service_test;
+
+using Parts = std::vector<std::string>;
+
+class Requesting : public ServiceTest {
+ protected:
+  void Start() {
+    ServeOptions options = ServeOptionsFor("tcp://127.0.0.1:9");
+    options.requests = kAnyPort;
+    options.update_interval_s = 0.01;
+    options.on_requests = [this](const std::string& endpoint) { endpoint_ = endpoint; };
+    serve_ = std::make_unique<RunningServe>(options, source_);
+  }
+  // The reply's parts; none where there is no reply.
+  Parts Ask(const Parts& request) {
+    zmq::socket_t socket(context_, zmq::socket_type::req);
+    socket.set(zmq::sockopt::linger, 0);
+    socket.set(zmq::sockopt::rcvtimeo, static_cast<int>(1000 * kPatience.count()));
+    socket.connect(endpoint_);
+    for (std::size_t i = 0; i < request.size(); ++i) {
+      socket.send(zmq::buffer(request[i]),
+                  i + 1 < request.size() ? zmq::send_flags::sndmore : zmq::send_flags::none);
+    }
+    Parts reply;
+    zmq::message_t part;
+    do {
+      if (!socket.recv(part)) break;
+      reply.push_back(part.to_string());
+    } while (part.more());
+    return reply;
+  }
+  Parts AskFrame(const std::vector<std::uint8_t>& payload) {
+    return Ask({std::string(kFrameTopic), std::string(payload.begin(), payload.end())});
+  }
+  static ReceivedResult ResultIn(const Parts& reply) {
+    EXPECT_EQ(reply.at(0), kPoseTopic) << reply.at(1);
+    const auto* bytes = reinterpret_cast<const std::uint8_t*>(reply.at(1).data());
+    return ValueOrThrow(UnpackResult(WireBytes::Copy({bytes, reply.at(1).size()})));
+  }
+
+  FakeSource source_;
+  std::string endpoint_;
+  std::unique_ptr<RunningServe> serve_;
+  zmq::context_t context_;
+};
+
+TEST_F(Requesting, AnImageIsAnsweredWithItsPose) {
+  Start();
+  for (std::int64_t time_ns : {50, 40, 40}) {  // times need not advance
+    const ReceivedResult result = ResultIn(AskFrame(PackFrame(time_ns, SampleJpeg())));
+    EXPECT_EQ(result.row.timestamp_ns, time_ns);
+    EXPECT_EQ(result.row.status, FixStatus::kFix);
+  }
+  EXPECT_EQ(source_.num_forgotten, 3) << "nothing may be remembered between requests";
+  EXPECT_EQ(source_.opened().size(), 2U) << "an engine of its own, opened once";
+}
+
+TEST_F(Requesting, WhatIsNoFrameIsAnsweredWithALine) {
+  Start();
+  const std::string topic(kFrameTopic);
+  for (const Parts& request :
+       {Parts{"hello"}, Parts{topic}, Parts{"other", "x"}, Parts{topic, "garbage"},
+        Parts{topic, ""}, Parts{topic, "a", "b"}, Parts(20, "x")}) {
+    const Parts reply = Ask(request);
+    ASSERT_EQ(reply.size(), 2U);
+    EXPECT_EQ(reply[0], kErrorTopic);
+    EXPECT_FALSE(reply[1].empty());
+  }
+  // It goes on.
+  ResultIn(AskFrame(PackFrame(1, SampleJpeg())));
+}
+
+TEST_F(Requesting, AnImageThatDoesNotDecodeIsNoFix) {
+  Start();
+  auto jpeg = SampleJpeg();
+  jpeg.resize(jpeg.size() / 2);
+  EXPECT_EQ(ResultIn(AskFrame(PackFrame(7, jpeg))).row.reason, "frame_undecodable");
+}
+
+TEST_F(Requesting, StopsWhileAClientWaits) {
+  Start();
+  source_.work_ms = 400;
+  std::thread client([&] {
+    try {
+      static_cast<void>(AskFrame(PackFrame(1, SampleJpeg())));
+    } catch (const zmq::error_t&) {
+      // The context has ended; there was no answer.
+    }
+  });
+  EXPECT_TRUE(Eventually([&] {
+    SleepMs(1);
+    return source_.num_forgotten > 0;
+  }));
+  EXPECT_TRUE(serve_->Stop().ok());
+  context_.shutdown();  // the client has its answer, or none will come
+  client.join();
+}
+
+}  // namespace
+}  // namespace panofix

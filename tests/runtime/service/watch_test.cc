@@ -1,0 +1,96 @@
+// What those who watch a running service see, and deadlines, over real sockets.
+#include <gtest/gtest.h>
+#include <httplib.h>
+
+#include "tests/runtime/service/service_support.h"
+
+namespace panofix {
+namespace {
+
+using namespace service_test;
+
+class Watching : public ServiceTest {
+ protected:
+  ServeOptions Options(const std::string& frames) {
+    ServeOptions options = ServeOptionsFor(frames);
+    options.http_port = 0;
+    options.max_rate_hz = 200;
+    options.on_http = [this](int port) { port_ = port; };
+    return options;
+  }
+  [[nodiscard]] httplib::Response Get(const char* path) const {
+    const auto result = httplib::Client("127.0.0.1", port_).Get(path);
+    return result ? *result : httplib::Response{};
+  }
+  // The metric's value, or -1.
+  [[nodiscard]] double Metric(const std::string& name) const {
+    const std::string text = "\n" + Get("/metrics").body;
+    const auto at = text.find("\n" + name + " ");
+    return at == std::string::npos ? -1 : std::stod(text.substr(at + name.size() + 2));
+  }
+
+  FakeSource source_;
+  std::atomic<int> port_{0};
+};
+
+TEST_F(Watching, EveryFrameIsAccountedFor) {
+  Publisher camera = OpenPublisher();
+  source_.work_ms = 20;
+  RunningServe serve(Options(camera.endpoint()), source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  EXPECT_EQ(Get("/healthz").status, 200);
+  EXPECT_EQ(Get("/readyz").status, 503);
+  const auto jpeg = PackFrame(7, SampleJpeg());
+  ASSERT_TRUE(
+      SendUntil(camera, kFrameTopic, jpeg, poses, [](const ReceivedResult&) { return true; }));
+  EXPECT_EQ(Get("/readyz").status, 200);
+  for (int i = 0; i < 60; ++i) {
+    ASSERT_TRUE(camera.Send(kFrameTopic, jpeg).ok());
+    SleepMs(4);
+    if (i % 10 != 0) continue;
+    ASSERT_TRUE(camera.Send(kFrameTopic, std::vector<std::uint8_t>(9)).ok());
+  }
+  EXPECT_TRUE(Eventually([&] {
+    const double received = Metric("panofix_frames_received_total");
+    return received > 60 &&
+           received == Metric("panofix_frames_dropped_total{cause=\"replaced\"}") +
+                           Metric("panofix_frames_dropped_total{cause=\"refused\"}") +
+                           Metric("panofix_frames_dropped_total{cause=\"rate_limited\"}") +
+                           Metric("panofix_answers_total{status=\"fix\",reason=\"\"}");
+  })) << Get("/metrics").body;
+  EXPECT_GT(Metric("panofix_frames_dropped_total{cause=\"replaced\"}"), 10);
+  EXPECT_EQ(Metric("panofix_map_tiles"), 3);
+  EXPECT_EQ(Get("/api/frame").body.substr(0, 2), "\xff\xd8");
+}
+
+TEST_F(Watching, TimeThatIsUpIsAnsweredAsSuch) {
+  Publisher camera = OpenPublisher();
+  ServeOptions options = Options(camera.endpoint());
+  options.deadline_ms = 60;
+  source_.work_ms = 5000;
+  RunningServe serve(options, source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  const auto frame = PackFrame(7, SampleJpeg());
+  const auto late =
+      SendUntil(camera, kFrameTopic, frame, poses, [](const ReceivedResult&) { return true; });
+  ASSERT_TRUE(late.has_value());
+  EXPECT_EQ(late->row.status, FixStatus::kNoFix);
+  EXPECT_EQ(late->row.reason, "deadline");
+  EXPECT_GT(Metric("panofix_answers_total{status=\"no_fix\",reason=\"deadline\"}"), 0);
+  // The next frame that has time enough is answered as ever.
+  source_.work_ms = 0;
+  EXPECT_TRUE(SendUntil(camera, kFrameTopic, PackFrame(8, SampleJpeg()), poses,
+                        [](const ReceivedResult& r) { return r.row.status == FixStatus::kFix; }));
+}
+
+TEST_F(Watching, StopsWhileSomebodyWatches) {
+  RunningServe serve(Options("tcp://127.0.0.1:9"), source_);
+  httplib::Client client("127.0.0.1", port_);
+  client.set_keep_alive(true);
+  ASSERT_TRUE(client.Get("/healthz"));
+  EXPECT_TRUE(serve.Stop().ok());
+  EXPECT_FALSE(client.Get("/healthz"));
+}
+
+}  // namespace
+}  // namespace panofix
