@@ -160,7 +160,8 @@ void Localizer::Forget() {
   impl_->calibration = CalibrationWatch();
   impl_->rivals = RivalWatch();
   impl_->past = PastFrames();
-  impl_->recent.Clear();
+  impl_->recent = RecentFrames();
+  impl_->last_is_distinct = false;
   impl_->places.Reset();
   impl_->last_retrieved.clear();
   impl_->has_last_frame = false;
