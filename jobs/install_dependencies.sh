@@ -4,13 +4,14 @@ set -euo pipefail
 
 usage() {
   cat <<'TEXT'
-usage: jobs/install_dependencies.sh [--runtime-only] [--list]
+usage: jobs/install_dependencies.sh [--runtime-only] [--browser] [--list]
 
 Installs what panofix needs to build, on Debian 12 or a system with the same package names. Packages
 that are there already are left alone, and nothing is asked of the network when none is missing.
 
   --runtime-only  what the on-line half needs (configure with -DPANOFIX_BUILD_BUILDER=OFF
                   -DPANOFIX_BUILD_TESTS=OFF): no test tools, no Embree
+  --browser       also Chromium and its driver, for the test of the live page (it skips without)
   --list          print the packages and stop
 TEXT
 }
@@ -33,16 +34,18 @@ runtime_packages=(
 test_packages=(libembree-dev libgtest-dev libgmock-dev libbenchmark-dev minisign
   python3-zmq python3-flatbuffers)
 
-packages=("${runtime_packages[@]}" "${test_packages[@]}")
+browser_packages=()
 list_only=false
 for argument in "$@"; do
   case "$argument" in
-    --runtime-only) packages=("${runtime_packages[@]}") ;;
+    --runtime-only) test_packages=() ;;
+    --browser) browser_packages=(chromium chromium-driver) ;;
     --list) list_only=true ;;
     -h | --help) usage; exit 0 ;;
     *) usage >&2; fail "unknown argument '$argument'" ;;
   esac
 done
+packages=("${runtime_packages[@]}" "${test_packages[@]}" "${browser_packages[@]}")
 if $list_only; then
   printf '%s\n' "${packages[@]}"
   exit 0
