@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <optional>
 #include <thread>
 
 #include "common/base/rng.h"
@@ -177,7 +178,7 @@ TEST_F(StagedBuild, KilledStagesLeaveNothingThatHarms) {
       Process stage(BuilderCommand(WithWork(call, "killed")));
       std::this_thread::sleep_for(std::chrono::duration<double>(rng.Uniform(0, kLongest_s)));
       if (num_killed < kKills && stage.Running()) stage.Signal(SIGKILL);
-      const int code = stage.Wait(60.0);
+      const std::optional<int> code = stage.Wait(60.0);
       if (code == 0) continue;  // it was through, perhaps as the signal came
       EXPECT_EQ(code, 128 + SIGKILL) << call[0] << ": " << stage.Errors();
       ++num_killed;
