@@ -28,6 +28,15 @@ const PartDigests* Find(const Before& before, const std::string& id) {
   return found == before.end() ? nullptr : &found->second;
 }
 
+template <typename Receipt>
+Before PartsBefore(const BuildContext& context, Stage stage, const std::string& shard) {
+  Before before;
+  if (const auto old = FindReceipt<Receipt>(context.work, stage, shard)) {
+    for (const auto& panorama : old->panoramas) before[panorama.made.id] = panorama.made.parts;
+  }
+  return before;
+}
+
 // Unusable panoramas that the other shards have found in this run.
 std::int64_t NumSetAsideElsewhere(const BuildContext& context, const std::string& shard) {
   const std::string run = ReadRun(context.work);
@@ -55,10 +64,7 @@ UnitReport Extract(const BuildContext& context, const std::string& shard, Progre
   all_aside.insert(all_aside.end(), result.set_aside.begin(), result.set_aside.end());
   RefuseTooManySetAside(context.plan, all_aside, NumSetAsideElsewhere(context, shard));
 
-  Before before;
-  if (const auto old = FindReceipt<ExtractReceipt>(context.work, Stage::kExtract, shard)) {
-    for (const ExtractReceipt::Panorama& p : old->panoramas) before[p.made.id] = p.made.parts;
-  }
+  const Before before = PartsBefore<ExtractReceipt>(context, Stage::kExtract, shard);
   UnitReport report;
   report.num_items = static_cast<std::int64_t>(records.size());
   report.num_bytes_written = result.num_bytes_written;
@@ -86,10 +92,7 @@ UnitReport Augment(const BuildContext& context, const std::string& shard, Progre
   const AugmentStageResult result =
       AugmentStage(region.panoramas, own, context.rectifier, context.plan.options.stations, options,
                    context.work, progress);
-  Before before;
-  if (const auto old = FindReceipt<AugmentReceipt>(context.work, Stage::kAugment, shard)) {
-    for (const AugmentReceipt::Panorama& p : old->panoramas) before[p.made.id] = p.made.parts;
-  }
+  const Before before = PartsBefore<AugmentReceipt>(context, Stage::kAugment, shard);
   UnitReport report;
   report.num_items = static_cast<std::int64_t>(own.size());
   report.num_bytes_written = result.num_bytes_written;

@@ -7,6 +7,7 @@
 #include "common/base/log.h"
 #include "common/geometry/attitude.h"
 #include "runtime/localizer/localizer_impl.h"
+#include "runtime/pose/gates.h"
 
 namespace panofix {
 namespace {
@@ -242,8 +243,7 @@ void Localizer::Impl::Remember(const FrameFeatures& features, const PoseOutcome&
   // A weak pose that nothing has confirmed is no ground for a bridge: its error would travel on.
   if (levers.bridging && !outcome.degraded && outcome.num_inliers >= pose_options.weak_inliers)
     recent.Add(result->timestamp_ns, map_from_cam, outcome, features);
-  places.UpdateFix(map_from_cam.translation,
-                   std::sqrt(outcome.covariance.topLeftCorner<2, 2>().trace()));
+  places.UpdateFix(map_from_cam.translation, PositionSigma_m(outcome));
 }
 
 bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& outcome,

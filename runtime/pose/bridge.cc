@@ -47,29 +47,6 @@ RefineResult FindByRecent(const PoseContext& context, const KeypointGrid& grid,
   return RefinePose(pool.matches, found.cam_from_map, context.options.refine);
 }
 
-// What agrees with a pose, and the keypoints that show it.
-MatchPool Agreeing(const MatchPool& pool, const Rigid3& cam_from_local, double focal_px,
-                   std::set<int>* keypoints) {
-  MatchPool agreed;
-  for (std::size_t i = 0; i < pool.matches.size(); ++i) {
-    double chi2;
-    if (!Agrees(pool.matches[i], cam_from_local, focal_px, &chi2)) continue;
-    agreed.matches.push_back(pool.matches[i]);
-    agreed.keypoint_idx.push_back(pool.keypoint_idx[i]);
-    keypoints->insert(pool.keypoint_idx[i]);
-  }
-  return agreed;
-}
-
-double SpreadOf(const PoseContext& context, const std::set<int>& keypoints) {
-  std::vector<Eigen::Vector2d> px;
-  for (const int k : keypoints) {
-    const Keypoint& keypoint = context.frame.sift.keypoints[static_cast<std::size_t>(k)];
-    px.emplace_back(keypoint.x_px, keypoint.y_px);
-  }
-  return ImageSpread(px, context.camera);
-}
-
 std::string FailedBridge(const PoseContext& context, const PoseOutcome& outcome,
                          const Rigid3& keyframe, const Rigid3& prediction) {
   const PoseOptions& options = context.options;
@@ -118,12 +95,13 @@ PoseOutcome Complete(const PoseContext& context, const KeypointGrid& grid,
   pool = WithoutRepeats(pool, start, focal_px);
   const RefineResult refined = RefinePose(pool.matches, start, context.options.refine);
   if (!refined.success) return outcome;
-  std::set<int> keypoints, map_keypoints;
-  MatchPool agreed = Agreeing(pool, refined.cam_from_map, focal_px, &keypoints);
+  MatchPool agreed = Agreeing(pool, refined.cam_from_map, focal_px);
   MatchPool of_map;
   if (IsBeyondChance(found.map, context.options)) of_map.Append(found.map.matches);
   of_map = Agreeing(WithoutRepeats(of_map, refined.cam_from_map, focal_px), refined.cam_from_map,
-                    focal_px, &map_keypoints);
+                    focal_px);
+  const std::set<int> keypoints(agreed.keypoint_idx.begin(), agreed.keypoint_idx.end());
+  const std::set<int> map_keypoints(of_map.keypoint_idx.begin(), of_map.keypoint_idx.end());
   std::vector<PanoramaPrior> priors = PriorsOf(of_map, context.bundle.manifest().errors);
   priors.push_back(recent.keyframe);
   agreed.matches.insert(agreed.matches.end(), of_map.matches.begin(), of_map.matches.end());
@@ -136,7 +114,7 @@ PoseOutcome Complete(const PoseContext& context, const KeypointGrid& grid,
   AddDrift(recent, static_cast<int>(map_keypoints.size()), &outcome);
   outcome.chi2_per_dof = adjusted.chi2_per_dof;
   outcome.num_inliers = static_cast<int>(keypoints.size());
-  outcome.spread = SpreadOf(context, keypoints);
+  outcome.spread = KeypointSpread(keypoints, context.frame, context.camera);
   outcome.support = double(found.recent.num_found - found.recent.num_decoys) /
                     std::max(1, found.recent.num_visible);
   outcome.over_chance = double(found.recent.num_found) / std::max(1, found.recent.num_decoys);

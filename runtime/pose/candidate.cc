@@ -32,14 +32,8 @@ Solution Adjust(const Scene& scene, const MatchPool& pool, const Rigid3& start,
   const Solution refined = Refine(pool, start, focal_px, options);
   if (!refined.success) return refined;
   // Re-choose among repeats at the refined pose; only what agrees with it enters the adjustment.
-  MatchPool agreed;
-  const MatchPool chosen = WithoutRepeats(pool, refined.cam_from_local, focal_px);
-  for (std::size_t i = 0; i < chosen.matches.size(); ++i) {
-    double chi2;
-    if (!Agrees(chosen.matches[i], refined.cam_from_local, focal_px, &chi2)) continue;
-    agreed.matches.push_back(chosen.matches[i]);
-    agreed.keypoint_idx.push_back(chosen.keypoint_idx[i]);
-  }
+  MatchPool agreed = Agreeing(WithoutRepeats(pool, refined.cam_from_local, focal_px),
+                              refined.cam_from_local, focal_px);
   std::vector<PanoramaPrior> priors;  // none: panoramas are taken for exact
   std::vector<BundleFrame> frames;
   if (options.refine.use_point_sigma) {
@@ -78,12 +72,7 @@ void Summarize(const MatchPool& pool, const FrameFeatures& frame, const Camera& 
   for (const auto& [count, view] : by_count)
     outcome->views.push_back(static_cast<std::uint32_t>(view));
   if (!outcome->views.empty()) outcome->best_view = outcome->views.front();
-  std::vector<Eigen::Vector2d> inliers_px;
-  for (const int k : keypoints) {
-    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
-    inliers_px.emplace_back(keypoint.x_px, keypoint.y_px);
-  }
-  outcome->spread = ImageSpread(inliers_px, camera);
+  outcome->spread = KeypointSpread(keypoints, frame, camera);
 }
 
 std::vector<ReadyLandmark> LandmarksAt(const Scene& scene, const Rigid3& cam_from_local,
@@ -198,6 +187,16 @@ double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera)
     covariance += (p - mean) * (p - mean).transpose() / static_cast<double>(px.size());
   const double uniform = camera.width_px * camera.height_px / 12.0;
   return std::sqrt(std::max(0.0, covariance.determinant())) / uniform;
+}
+
+double KeypointSpread(const std::set<int>& keypoints, const FrameFeatures& frame,
+                      const Camera& camera) {
+  std::vector<Eigen::Vector2d> px;
+  for (const int k : keypoints) {
+    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
+    px.emplace_back(keypoint.x_px, keypoint.y_px);
+  }
+  return ImageSpread(px, camera);
 }
 
 PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,

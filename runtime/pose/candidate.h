@@ -1,6 +1,8 @@
 #pragma once
 // From a hypothesis to a candidate pose: refinement, guided rounds, local bundle adjustment.
 
+#include <set>
+
 #include "common/map/map_bundle.h"
 #include "runtime/pose/match_pool.h"
 #include "runtime/pose/pose_options.h"
@@ -26,6 +28,10 @@ struct Scene {
 // Spread of pixels over the image: root of the determinant of their covariance, as a share of a
 // uniform distribution's. Near 0 for a cluster or a line.
 [[nodiscard]] double ImageSpread(const std::vector<Eigen::Vector2d>& px, const Camera& camera);
+
+// The same of a frame's keypoints.
+[[nodiscard]] double KeypointSpread(const std::set<int>& keypoints, const FrameFeatures& frame,
+                                    const Camera& camera);
 
 // Refinement and guided rounds; where these leave doubt, once more from the best supported pose
 // near by. found = false where no pose comes out. Gates are not applied.

@@ -40,6 +40,17 @@ bool Agrees(const Correspondence& match, const Rigid3& cam_from_local, double fo
   return *chi2 < kInlierChi2;
 }
 
+MatchPool Agreeing(const MatchPool& pool, const Rigid3& cam_from_local, double focal_px) {
+  MatchPool agreed;
+  for (std::size_t i = 0; i < pool.matches.size(); ++i) {
+    double chi2;
+    if (!Agrees(pool.matches[i], cam_from_local, focal_px, &chi2)) continue;
+    agreed.matches.push_back(pool.matches[i]);
+    agreed.keypoint_idx.push_back(pool.keypoint_idx[i]);
+  }
+  return agreed;
+}
+
 int CountKeypoints(const MatchPool& pool, const Rigid3& cam_from_local, double focal_px) {
   std::set<int> keypoints;
   for (std::size_t i = 0; i < pool.matches.size(); ++i) {

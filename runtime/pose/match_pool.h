@@ -26,6 +26,9 @@ struct PastFrame {
 // Whether a match's residual lies within its own covariance (99 %) and 12 px; its chi-square if so.
 [[nodiscard]] bool Agrees(const Correspondence& match, const Rigid3& cam_from_local,
                           double focal_px, double* chi2);
+// The matches that agree with a pose, in their order.
+[[nodiscard]] MatchPool Agreeing(const MatchPool& pool, const Rigid3& cam_from_local,
+                                 double focal_px);
 // Distinct keypoints with a match that agrees.
 [[nodiscard]] int CountKeypoints(const MatchPool& pool, const Rigid3& cam_from_local,
                                  double focal_px);
