@@ -26,7 +26,8 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
   Stopwatch watch;
   const GrayImage image = Preprocess(frame, bundle->manifest().features);
   result->latency.preprocess_ms = watch.Lap();
-  const FrameFeatures features = ExtractFeatures(image, &result->latency);
+  if (TrackCoarse(image, result) || IsLate(result)) return;
+  const FrameFeatures features = ExtractFeatures(image, Detail::kFull, &result->latency);
   constexpr std::size_t kFewestFeatures = 20;
   if (features.sift.size() < kFewestFeatures) {
     result->reason = "too_few_features";
@@ -162,6 +163,7 @@ void Localizer::Forget() {
   impl_->past = PastFrames();
   impl_->recent = RecentFrames();
   impl_->last_is_distinct = false;
+  impl_->coarse_pause = 0;
   impl_->places.Reset();
   impl_->last_retrieved.clear();
   impl_->has_last_frame = false;
