@@ -68,6 +68,8 @@ Manifest MigrateBundle(const fs::path& from, const fs::path& out,
                 Format("--build %lld: the old bundle is build %lld, and numbers only grow",
                        static_cast<long long>(*build), static_cast<long long>(manifest.build)));
   }
+  static_assert(kBundleMajor == 2 && kBundleMinor == 1,
+                "a step of the format brings its migration");
   if (manifest.minor < 1) StepToTwoOne(&manifest);
   manifest.build = build.value_or(manifest.build);
   std::vector<FinishedPart> parts;
