@@ -20,15 +20,15 @@ SignatureState ReadWithoutKey(const SignedManifest& bundle) {
     state.status = statement.status();
     return state;
   }
-  state.statement = std::move(*statement);
   const Manifest& manifest = bundle.manifest;
-  if (state.statement->name != manifest.name || state.statement->build != manifest.build) {
+  if (statement->name != manifest.name || statement->build != manifest.build) {
     state.status = {
         ErrorCode::kUntrusted,
         Format("%s: is for build %lld of '%s'; sign the bundle again", kManifestSignatureName,
-               static_cast<long long>(state.statement->build), state.statement->name.c_str())};
+               static_cast<long long>(statement->build), statement->name.c_str())};
     return state;
   }
+  state.statement = std::move(*statement);
   state.kind = SignatureKind::kNotVerified;
   return state;
 }
