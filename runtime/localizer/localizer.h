@@ -26,8 +26,11 @@ struct LocalizerOptions {
   std::vector<std::string> add;    // levers beside the preset's, by name (levers.h)
   int num_threads = 0;             // 0 = all cores
   std::uint64_t seed = 1;          // of the robust search; same frames, same poses
-  KeyRing trusted_keys;            // the bundle must be signed with one; empty = it may be unsigned
-  void Check() const;              // throws std::invalid_argument
+  // What this process may take of memory, kept by dropping tiles that are far away; 0 = no bound.
+  // No pose depends on it, a search in the whole map takes longer.
+  std::uint64_t max_memory_bytes = 0;
+  KeyRing trusted_keys;  // the bundle must be signed with one; empty = it may be unsigned
+  void Check() const;    // throws std::invalid_argument
 };
 
 struct FramePose {
@@ -63,6 +66,7 @@ struct BundleIdentity {
 };
 
 class MapBundle;
+struct TileMemory;
 
 // Asked between the steps of a frame, at the same points for the same frames: true ends the work.
 using TimeIsUp = std::function<bool()>;
@@ -92,6 +96,7 @@ class Localizer {
   void Forget();
   [[nodiscard]] const Camera& camera() const;
   [[nodiscard]] const MapBundle& map() const;
+  [[nodiscard]] TileMemory memory() const;  // runtime/retrieval/tile_indices.h
 
  private:
   struct Impl;

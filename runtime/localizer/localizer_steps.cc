@@ -140,7 +140,7 @@ RetrievalResult Localizer::Impl::Retrieve(const RetrievalQuery& query,
   } else {
     std::vector<float> similarity;
     retrieved = retrieval.Global(query, &similarity);
-    places.UpdateSimilarity(similarity);
+    if (!similarity.empty()) places.UpdateSimilarity(similarity);
   }
   result->latency.retrieval_ms += watch.Lap();
   // Distinct views: a window lies within the whole map.
@@ -283,6 +283,19 @@ void Localizer::Impl::DegradeMiscalibrated(FrameResult* result) const {
   result->reason = "calibration_off";
   result->pose->covariance_in_map *=
       pose_options.degraded_sigma_factor * pose_options.degraded_sigma_factor;
+}
+
+void Localizer::Impl::FollowTiles(const FrameResult& result) {
+  constexpr double kMostAhead_m = 200;  // a tile's side
+  constexpr double kFramesAhead = 50;   // some seconds
+  if (result.pose) {
+    const Eigen::Vector3d here = result.pose->position_in_map;
+    Eigen::Vector3d way = kFramesAhead * (here - last_in_map.value_or(here));
+    if (way.norm() > kMostAhead_m) way *= kMostAhead_m / way.norm();
+    retrieval.Follow(here, here + way);
+    last_in_map = here;
+  }
+  retrieval.Trim();
 }
 
 void Localizer::Impl::Advance(std::int64_t now_ns) {
