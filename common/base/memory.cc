@@ -1,5 +1,6 @@
 #include "common/base/memory.h"
 
+#include <malloc.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -20,6 +21,8 @@ std::uint64_t ResidentMemoryBytes() {
   if (!(file >> num_pages >> num_resident)) return 0;
   return num_resident * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
 }
+
+void ReturnFreedMemory() { ::malloc_trim(0); }
 
 std::uint64_t PrivateMemoryBytes() {
   std::ifstream file("/proc/self/status");

@@ -13,4 +13,7 @@ namespace panofix {
 // Of these, what is not shared memory: 0 where the system does not tell.
 [[nodiscard]] std::uint64_t PrivateMemoryBytes();
 
+// Gives the system back what the allocator keeps of freed memory. Costs milliseconds.
+void ReturnFreedMemory();
+
 }  // namespace panofix

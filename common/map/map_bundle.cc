@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/image/gray_image.h"
 #include "common/io/sha256.h"
@@ -46,6 +47,7 @@ Status MapBundle::Load(const std::filesystem::path& folder, std::uint64_t max_ti
   auto descriptors = OpenParts(folder, parts);
   if (!descriptors.ok()) return descriptors.status();
   for (std::size_t i = 0; i < parts.size(); ++i) {
+    if (CancelRequested()) return {ErrorCode::kCancelled, folder.string() + ": interrupted"};
     const std::string name = (folder / parts[i].path).string();
     const Status status = LoadPart(parts[i], std::move((*descriptors)[i]), name);
     // An array that is not there is the bundle's fault, not the caller's.

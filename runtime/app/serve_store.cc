@@ -30,6 +30,7 @@ class HeldEngine : public FrameEngine {
   const Camera& camera() const override { return engine_->camera(); }
   void Forget() override { engine_->Forget(); }
   MapFacts facts() const override { return engine_->facts(); }
+  TileMemory memory() const override { return engine_->memory(); }
 
  private:
   const VersionHold hold_;

@@ -87,6 +87,8 @@ struct MonitorSnapshot {
   std::array<LatencyHistogram, kNumServiceStages> latency;
   BundleIdentity bundle;
   std::int64_t map_created_s = 0, num_tiles = 0;
+  // Tiles in memory, read since the map was opened, lost on the way; bytes that they take.
+  std::int64_t num_tiles_loaded = 0, num_tile_loads = 0, num_tiles_failed = 0, tile_bytes = 0;
   // Seconds since; absent where there was none yet.
   std::optional<double> since_step_s, since_answer_s, since_fix_s;
 };

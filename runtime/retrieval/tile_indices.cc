@@ -1,11 +1,9 @@
 #include "runtime/retrieval/tile_indices.h"
 
-#include <malloc.h>
-
 #include <algorithm>
 #include <limits>
 
-#include "common/base/memory.h"
+#include "common/base/cancel.h"
 
 namespace panofix {
 namespace {
@@ -22,10 +20,12 @@ constexpr std::uint64_t kSlack = 32;
 }  // namespace
 
 TileIndices::TileIndices(std::shared_ptr<const MapBundle> bundle, bool use_landmarks,
-                         std::uint64_t max_memory_bytes)
+                         std::uint64_t max_memory_bytes,
+                         std::function<std::uint64_t()> memory_beside_tiles)
     : bundle_(std::move(bundle)),
       use_landmarks_(use_landmarks),
       max_memory_bytes_(max_memory_bytes),
+      memory_beside_tiles_(std::move(memory_beside_tiles)),
       local_(LocalFrame::At(bundle_->panoramas().front())),
       slots_(bundle_->tiles().size()) {
   for (std::size_t v = 0; v < bundle_->views().size(); ++v) {
@@ -33,7 +33,7 @@ TileIndices::TileIndices(std::shared_ptr<const MapBundle> bundle, bool use_landm
     slots_[bundle_->TileOfView(v)].extent_in_map.extend(
         panorama.map_from_pano.translation.head<2>().eval());
   }
-  for (std::size_t tile = 0; tile < slots_.size(); ++tile) {
+  for (std::size_t tile = 0; tile < slots_.size() && !CancelRequested(); ++tile) {
     slots_[tile].distance_m = static_cast<double>(tile);  // until there is a way
     static_cast<void>(Of(tile));
     Trim();
@@ -125,7 +125,7 @@ void TileIndices::Drop(std::size_t tile) {
 void TileIndices::Trim() {
   if (max_memory_bytes_ == 0) return;
   // Tiles' pages count whether they were touched or not.
-  const std::uint64_t taken = PrivateMemoryBytes() + bundle_->tiles().num_loaded_bytes();
+  const std::uint64_t taken = memory_beside_tiles_() + bundle_->tiles().num_loaded_bytes();
   if (taken <= max_memory_bytes_) return;
   std::uint64_t excess = taken - max_memory_bytes_ + max_memory_bytes_ / kSlack;
   const std::lock_guard lock(mutex_);
@@ -145,7 +145,7 @@ void TileIndices::Trim() {
     if (freed >= excess) break;
     excess -= freed;
   }
-  ::malloc_trim(0);  // or the allocator keeps it
+  ReturnFreedMemory();
 }
 
 TileMemory TileIndices::memory() const {

@@ -4,12 +4,14 @@
 #include <Eigen/Core>
 #include <condition_variable>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <thread>
 #include <vector>
 
+#include "common/base/memory.h"
 #include "common/map/map_bundle.h"
 #include "runtime/retrieval/landmark_votes.h"
 
@@ -35,8 +37,10 @@ class TileIndices {
  public:
   // Looks at every tile once. `max_memory_bytes` bounds what this process takes (0 = no bound):
   // tiles are dropped for it, worst first. What is left without any tile may be above it.
+  // `memory_beside_tiles` tells what else is taken.
   TileIndices(std::shared_ptr<const MapBundle> bundle, bool use_landmarks,
-              std::uint64_t max_memory_bytes);
+              std::uint64_t max_memory_bytes,
+              std::function<std::uint64_t()> memory_beside_tiles = PrivateMemoryBytes);
   ~TileIndices();
   TileIndices(const TileIndices&) = delete;
   TileIndices& operator=(const TileIndices&) = delete;
@@ -67,6 +71,7 @@ class TileIndices {
   const std::shared_ptr<const MapBundle> bundle_;
   const bool use_landmarks_;
   const std::uint64_t max_memory_bytes_;
+  const std::function<std::uint64_t()> memory_beside_tiles_;
   LocalFrame local_;
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;

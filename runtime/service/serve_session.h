@@ -37,6 +37,7 @@ class ServeSession {
   [[nodiscard]] Answered Answer(const IncomingFrame& frame,
                                 std::chrono::steady_clock::time_point arrived);
   void FollowEngine();
+  void CountTiles();
   void ShowPicture(const IncomingFrame& frame);
   void Report();
 
