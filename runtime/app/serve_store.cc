@@ -52,7 +52,8 @@ class StoreSource : public EngineSource {
     while (true) {
       auto engine = OpenVersion(versions_[at_], camera);
       const bool is_last = at_ + 1 == versions_.size();
-      if (engine.ok() || is_chosen_ || is_last) {
+      const bool is_told_to_stop = engine.status().code() == ErrorCode::kCancelled;
+      if (engine.ok() || is_chosen_ || is_last || is_told_to_stop) {
         is_chosen_ = is_chosen_ || engine.ok();
         return engine;
       }

@@ -6,6 +6,7 @@
 
 #include "common/base/log.h"
 #include "common/geometry/attitude.h"
+#include "runtime/localizer/frame_sight.h"
 #include "runtime/localizer/localizer_impl.h"
 #include "runtime/pose/gates.h"
 
@@ -266,6 +267,9 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
     result->reason = "ambiguous_place";
     result->pose.reset();
     return true;
+  }
+  if (options.with_sight) {
+    result->sight = std::make_shared<const FrameSight>(SightOf(outcome, local, *bundle, camera));
   }
   if (!outcome.degraded) {
     calibration.Add(outcome.focal);

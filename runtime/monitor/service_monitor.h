@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "runtime/localizer/frame_sight.h"
 #include "runtime/localizer/localizer.h"
 #include "runtime/monitor/latency_histogram.h"
 
@@ -68,11 +69,14 @@ struct TrailPoint {
   std::array<double, kNumServiceStages> stages_ms{};
 };
 
-// The newest frame as it came, for a browser; absent for raw pixels.
+// The newest frame as it came, for a browser (no bytes for raw pixels), and what its answer rests
+// on.
 struct FramePicture {
   std::shared_ptr<const void> owner;  // keeps the bytes
   std::span<const std::uint8_t> bytes;
   std::string content_type;
+  std::int64_t timestamp_ns = 0;
+  std::shared_ptr<const FrameSight> sight;  // may be absent
 };
 
 struct MonitorSnapshot {

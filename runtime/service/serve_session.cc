@@ -111,7 +111,7 @@ Status ServeSession::HandleFrame(const ArrivedFrame& arrived) {
   answered.result.timestamp_ns = frame->timestamp_ns;
   monitor_.AddAnswer(answered.result, wait_ms, answered.decode_ms);
   CountTiles();
-  ShowPicture(*frame);
+  ShowPicture(*frame, answered.result);
   return Publish(*frame, answered);
 }
 
@@ -148,9 +148,16 @@ void ServeSession::CountTiles() {
   monitor_.Set(&MonitorSnapshot::tile_bytes, static_cast<std::int64_t>(memory.num_bytes));
 }
 
-void ServeSession::ShowPicture(const IncomingFrame& frame) {
-  if (!http_ || frame.kind != FrameKind::kCompressed) return;
-  monitor_.SetPicture({frame.payload.owner, frame.data, "image/" + frame.encoding});
+void ServeSession::ShowPicture(const IncomingFrame& frame, const FrameResult& result) {
+  if (!http_) return;
+  FramePicture picture;
+  picture.timestamp_ns = frame.timestamp_ns;
+  picture.sight = result.sight;
+  if (frame.kind == FrameKind::kCompressed) {
+    picture.owner = frame.payload.owner, picture.bytes = frame.data;
+    picture.content_type = "image/" + frame.encoding;
+  }
+  monitor_.SetPicture(std::move(picture));
 }
 
 Status ServeSession::Publish(const IncomingFrame& frame, const Answered& answered) {

@@ -38,7 +38,7 @@ class ServeSession {
                                 std::chrono::steady_clock::time_point arrived);
   void FollowEngine();
   void CountTiles();
-  void ShowPicture(const IncomingFrame& frame);
+  void ShowPicture(const IncomingFrame& frame, const FrameResult& result);
   void Report();
 
   const ServeOptions& options_;
