@@ -129,6 +129,7 @@ function plotStatus(points) {
 // pictures, so its landmarks. Lines join what agrees with the pose.
 function drawSight(image, sight) {
   const canvas = byId('sight'), [w, h] = sight.size, gap = w / 50, x0 = w + gap;
+  const dot = Math.max(2, w / 200);
   canvas.width = 2 * w + gap;
   canvas.height = h;
   const context = canvas.getContext('2d');
@@ -137,7 +138,7 @@ function drawSight(image, sight) {
   context.fillRect(x0, 0, w, h);
   context.fillStyle = '#8aa0b8';
   for (const [x, y] of sight.landmarks) {
-    context.fillRect(x0 + x - w / 400, y - w / 400, w / 200, w / 200);
+    context.fillRect(x0 + x - dot / 2, y - dot / 2, dot, dot);
   }
   context.lineWidth = w / 500;
   sight.pairs.forEach(([fx, fy, vx, vy], i) => {
