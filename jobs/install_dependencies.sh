@@ -10,7 +10,7 @@ Installs what panofix needs to build, on Debian 12 or a system with the same pac
 that are there already are left alone, and nothing is asked of the network when none is missing.
 
   --runtime-only  what the on-line half needs (configure with -DPANOFIX_BUILD_BUILDER=OFF
-                  -DPANOFIX_BUILD_TESTS=OFF): no test tools, no Embree
+                  -DPANOFIX_BUILD_TESTS=OFF): no Ceres, no test tools, no Embree
   --browser       also Chromium and its driver, for the test of the live page (it skips without)
   --list          print the packages and stop
 TEXT
@@ -26,11 +26,12 @@ runtime_packages=(
   build-essential cmake ninja-build ccache pkg-config
   libopencv-core-dev libopencv-imgproc-dev libopencv-imgcodecs-dev libopencv-features2d-dev
   libopencv-flann-dev libopencv-calib3d-dev
-  libeigen3-dev libceres-dev libtbb-dev libhdf5-dev libgeographiclib-dev libjpeg-dev zlib1g-dev
+  libeigen3-dev libtbb-dev libhdf5-dev libgeographiclib-dev libjpeg-dev zlib1g-dev
   libzmq3-dev cppzmq-dev libflatbuffers-dev flatbuffers-compiler
   libcli11-dev libspdlog-dev nlohmann-json3-dev libssl-dev libyaml-cpp-dev
   libsodium-dev libzstd-dev libcurl4-openssl-dev libcpp-httplib-dev libjs-leaflet
 )
+builder_packages=(libceres-dev)
 test_packages=(libembree-dev libgtest-dev libgmock-dev libbenchmark-dev minisign
   python3-zmq python3-flatbuffers)
 
@@ -38,14 +39,14 @@ browser_packages=()
 list_only=false
 for argument in "$@"; do
   case "$argument" in
-    --runtime-only) test_packages=() ;;
+    --runtime-only) builder_packages=() test_packages=() ;;
     --browser) browser_packages=(chromium chromium-driver) ;;
     --list) list_only=true ;;
     -h | --help) usage; exit 0 ;;
     *) usage >&2; fail "unknown argument '$argument'" ;;
   esac
 done
-packages=("${runtime_packages[@]}" "${test_packages[@]}" "${browser_packages[@]}")
+packages=("${runtime_packages[@]}" "${builder_packages[@]}" "${test_packages[@]}" "${browser_packages[@]}")
 if $list_only; then
   printf '%s\n' "${packages[@]}"
   exit 0

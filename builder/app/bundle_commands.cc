@@ -88,20 +88,34 @@ Drive ReadDriveWithTruth(const fs::path& folder) {
 Command AddInspectCommand(CLI::App* app) {
   struct Options {
     fs::path bundle;
+    std::vector<fs::path> keys;
     bool json = false;
   };
   auto o = std::make_shared<Options>();
   CLI::App* command = app->add_subcommand(
-      "inspect", "Say what a bundle or a vocabulary release is: versions, counts, size, coverage");
+      "inspect",
+      "Say what a bundle or a vocabulary release is: versions, signature, counts, size, coverage");
   command->add_option("bundle", o->bundle, "the bundle's folder, or a vocabulary.h5")->required();
+  command->add_option("--trusted-key", o->keys,
+                      "public key that its signature must be of; may be repeated");
   command->add_flag("--json", o->json, "as JSON");
   return [=] {
     if (fs::is_regular_file(o->bundle)) {
       std::fputs(DescribeRelease(o->bundle, o->json).c_str(), stdout);
       return 0;
     }
-    const auto bundle = ValueOrThrow(MapBundle::Open(o->bundle));
-    std::fputs((o->json ? InspectJson(*bundle) : InspectText(*bundle)).c_str(), stdout);
+    const KeyRing ring = ValueOrThrow(ReadKeyRing(o->keys));
+    const SignatureState signature =
+        SignatureStateOf(ValueOrThrow(ReadSignedManifest(o->bundle, {})), ring);
+    if (!ring.empty() && !signature.status.ok()) {
+      // Whoever names keys wants no other map opened.
+      std::fputs((o->json ? SignatureJson(signature) : SignatureText(signature)).c_str(), stdout);
+      throw Error(signature.status);
+    }
+    const auto bundle = ValueOrThrow(MapBundle::Open(o->bundle, ring));
+    std::fputs(
+        (o->json ? InspectJson(*bundle, signature) : InspectText(*bundle, signature)).c_str(),
+        stdout);
     return 0;
   };
 }

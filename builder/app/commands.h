@@ -24,6 +24,7 @@ Command AddEndorseCommand(CLI::App* app);
 Command AddSignCommand(CLI::App* app);
 Command AddDeltaCommand(CLI::App* app);
 Command AddPackCommand(CLI::App* app);
+Command AddMigrateCommand(CLI::App* app);
 // extract, augment, sample, train, words, weigh, landmarks, similarity, assemble, publish.
 std::vector<Command> AddStageCommands(CLI::App* app);
 

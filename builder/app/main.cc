@@ -44,7 +44,7 @@ int Dispatch(int argc, char** argv) {
       panofix::AddDepthCommand(&app),    panofix::AddPlanCommand(&app),
       panofix::AddKeygenCommand(&app),   panofix::AddEndorseCommand(&app),
       panofix::AddSignCommand(&app),     panofix::AddDeltaCommand(&app),
-      panofix::AddPackCommand(&app)};
+      panofix::AddPackCommand(&app),     panofix::AddMigrateCommand(&app)};
   for (panofix::Command& stage : panofix::AddStageCommands(&app))
     commands.push_back(std::move(stage));
   try {

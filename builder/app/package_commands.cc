@@ -1,9 +1,10 @@
-// delta and pack: signed bundles as one file to carry.
+// delta and pack: signed bundles as one file to carry; migrate: bundles of an older format.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
 
 #include "builder/app/commands.h"
+#include "builder/publish/migrate.h"
 #include "builder/ship/package.h"
 #include "common/io/atomic_file.h"
 
@@ -56,6 +57,29 @@ Command AddPackCommand(CLI::App* app) {
   command->add_option("bundle", o->target, "the signed bundle's folder")->required();
   AddOptions(command, o.get());
   return [=] { return Run(*o); };
+}
+
+Command AddMigrateCommand(CLI::App* app) {
+  struct MigrateOptions {
+    fs::path from, out;
+    std::optional<std::int64_t> build;
+  };
+  auto o = std::make_shared<MigrateOptions>();
+  CLI::App* command = app->add_subcommand(
+      "migrate", "Write a bundle of an older format in this one, where that needs no panoramas");
+  command->add_option("old", o->from, "the old bundle's folder")->required();
+  command->add_option("--out", o->out, "folder to write, a new one")->required();
+  command->add_option("--build", o->build,
+                      "build number (default: the old one's); above it where vehicles have the "
+                      "old bundle, as they take each number once");
+  return [=] {
+    if (!o->out.has_filename()) o->out = o->out.parent_path();
+    const Manifest m = MigrateBundle(o->from, o->out, o->build);
+    std::printf(
+        "bundle %s has format %d.%d and is not signed; sign it with: panofix-builder sign %s\n",
+        o->out.c_str(), m.major, m.minor, o->out.c_str());
+    return 0;
+  };
 }
 
 }  // namespace panofix

@@ -31,7 +31,7 @@ struct BundleTile {
 
 // Everything below is in one panorama order: sorted by (tile, id).
 struct BundleContent {
-  Manifest manifest;  // parts and counts are filled in by the writer
+  Manifest manifest;  // parts and counts come once the parts are written
   std::vector<MapPanorama> panoramas;
   std::vector<std::string> tile_of_panorama;  // quadkeys
   std::vector<MapStation> stations;           // by panorama, each panorama itself first

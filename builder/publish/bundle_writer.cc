@@ -1,7 +1,5 @@
 #include "builder/publish/bundle_writer.h"
 
-#include <algorithm>
-
 #include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/io/atomic_file.h"
@@ -81,47 +79,6 @@ void CopyPart(const FinishedPart& finished, const fs::path& staged) {
 }
 
 }  // namespace
-
-Manifest WriteBundle(const fs::path& target, BundleContent content, const MakeTile& make_tile) {
-  const Staging staging(target);
-  Manifest manifest = content.manifest;
-  manifest.parts.clear();
-  WriteVocabulary(staging.path() / "vocabulary.h5", content.vocabulary, content.pack_descriptors);
-  manifest.parts.push_back(Describe(staging.path(), "vocabulary.h5"));
-  // A vocabulary without a name of its own goes by its hash.
-  if (manifest.vocabulary_release.empty())
-    manifest.vocabulary_release = "sha256:" + manifest.parts.back().sha256;
-  manifest.num_landmarks = 0;
-  for (std::size_t begin = 0; begin < content.panoramas.size();) {
-    if (CancelRequested())
-      throw Error(ErrorCode::kCancelled, "stopped by the user; the next build resumes");
-    std::size_t end = begin;
-    const std::string& tile = content.tile_of_panorama[begin];
-    while (end < content.panoramas.size() && content.tile_of_panorama[end] == tile) ++end;
-    const std::string path = "tiles/" + tile + ".h5";
-    const BundleTile made = make_tile(begin, end, &content.panoramas);
-    WriteTile(staging.path() / path, content, begin, end, made);
-    manifest.num_landmarks += static_cast<std::int64_t>(made.landmarks.size());
-    manifest.parts.push_back(Describe(staging.path(), path));
-    if (!made.view_images.empty()) {
-      const std::string images = "images/" + tile + ".h5";
-      WriteViewImages(staging.path() / images, content, begin, end, made);
-      manifest.parts.push_back(Describe(staging.path(), images));
-    }
-    begin = end;
-  }
-  // Last: the tiles refine the panoramas' poses.
-  WriteGraph(staging.path() / "graph.h5", content);
-  manifest.parts.push_back(Describe(staging.path(), "graph.h5"));
-  std::sort(manifest.parts.begin(), manifest.parts.end(),
-            [](const BundlePart& a, const BundlePart& b) { return a.path < b.path; });
-  manifest.num_panoramas = static_cast<std::int64_t>(content.panoramas.size());
-  manifest.views_per_station = static_cast<int>(content.directions.size());
-  manifest.num_stations = static_cast<std::int64_t>(content.stations.size());
-  manifest.num_views = manifest.num_stations * manifest.views_per_station;
-  Finish(staging.path(), manifest, target);
-  return manifest;
-}
 
 Manifest PublishParts(const fs::path& target, const Manifest& manifest,
                       const std::vector<FinishedPart>& parts) {

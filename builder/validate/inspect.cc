@@ -5,9 +5,12 @@
 #include <set>
 
 #include "common/base/log.h"
+#include "common/sign/utc_time.h"
 
 namespace panofix {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 double Distance_m(const MapPanorama& a, const MapPanorama& b) {
   return (a.map_from_pano.translation - b.map_from_pano.translation).head<2>().norm() /
@@ -52,6 +55,45 @@ std::int64_t WithDepth(const MapBundle& bundle) {
                        [](const MapPanorama& p) { return p.has_depth; });
 }
 
+std::string Row(const std::string& name, const std::string& value) {
+  return Format("%-14s %s\n", name.c_str(), value.c_str());
+}
+
+std::string StatedOr(const std::string& text) { return text.empty() ? "not stated" : text; }
+
+std::string Readers(const Manifest& m) {
+  if (m.minor < 1) return "not stated";
+  const std::string from = "panofix " + m.runtime_min + " and later";
+  return m.runtime_before.empty() ? from : from + ", before " + m.runtime_before;
+}
+
+std::string ProvenanceText(const Manifest& m) {
+  std::string text = Row("source", StatedOr(m.provenance.source));
+  text += Row("licence", StatedOr(m.provenance.licence));
+  text += Row("heights", m.provenance.height_datum);
+  text += Row("data set", StatedOr(m.provenance.data_set_sha256));
+  const Json options = Json::parse(m.provenance.options.empty() ? "{}" : m.provenance.options);
+  std::string label = "options";
+  for (const auto& [name, value] : options.items()) {
+    text += Row(label, name + " " + value.dump());
+    label.clear();
+  }
+  return text;
+}
+
+Json ToJson(const SignatureState& signature) {
+  Json j = {{"state", SignatureKindName(signature.kind)}, {"key", nullptr}, {"why", nullptr}};
+  if (!signature.key_id.empty()) j["key"] = signature.key_id;
+  if (!signature.status.ok()) j["why"] = signature.status.message();
+  if (!signature.statement) return j;
+  const ReleaseStatement& s = *signature.statement;
+  j["created"] = FormatUtc(s.created_s);
+  j["expires"] = FormatUtc(s.expires_s);
+  j["revoked_keys"] = s.revoked_keys;
+  j["quality"] = s.quality;
+  return j;
+}
+
 }  // namespace
 
 double RouteLength_m(const MapBundle& bundle) {
@@ -75,21 +117,39 @@ std::uint64_t BundleBytes(const MapBundle& bundle) {
   return bytes;
 }
 
-std::string InspectText(const MapBundle& bundle) {
+std::string SignatureText(const SignatureState& signature) {
+  std::string value = SignatureKindName(signature.kind);
+  if (!signature.key_id.empty()) value += ", key " + signature.key_id;
+  if (signature.kind == SignatureKind::kNotVerified) value += "; give --trusted-key";
+  if (!signature.status.ok()) value += " (" + signature.status.message() + ")";
+  std::string text = Row("signature", value);
+  if (!signature.statement) return text;
+  const ReleaseStatement& s = *signature.statement;
+  text += Row("created", FormatUtc(s.created_s));
+  text += Row("expires", FormatUtc(s.expires_s));
+  for (const std::string& key : s.revoked_keys) text += Row("revokes", "key " + key);
+  for (const auto& [name, figure] : s.quality)
+    text += Row("quality", Format("%s %g", name.c_str(), figure));
+  return text;
+}
+
+std::string SignatureJson(const SignatureState& signature) {
+  return Json{{"signature", ToJson(signature)}}.dump(1) + "\n";
+}
+
+std::string InspectText(const MapBundle& bundle, const SignatureState& signature) {
   const Manifest& m = bundle.manifest();
   const Extent e = ExtentOf(bundle);
   const double length_m = RouteLength_m(bundle),
                mb = static_cast<double>(BundleBytes(bundle)) / 1e6;
   std::string text;
-  const auto row = [&](const char* name, const std::string& value) {
-    text += Format("%-14s %s\n", name, value.c_str());
-  };
+  const auto row = [&](const char* name, const std::string& value) { text += Row(name, value); };
   row("bundle", m.name + Format(", build %ld", static_cast<long>(m.build)));
   row("id", bundle.id());
   row("format", Format("%d.%d, written by %s", m.major, m.minor, m.generator.c_str()));
-  row("source", m.provenance.source.empty() ? "not stated" : m.provenance.source);
-  row("licence", m.provenance.licence.empty() ? "not stated" : m.provenance.licence);
-  row("heights", m.provenance.height_datum);
+  row("read by", Readers(m));
+  text += SignatureText(signature);
+  text += ProvenanceText(m);
   row("camera",
       Format("%d x %d px, fx %.2f, fy %.2f, %s", m.camera.width_px, m.camera.height_px,
              m.camera.fx_px, m.camera.fy_px, DistortionModelName(m.camera.distortion_model)));
@@ -108,6 +168,7 @@ std::string InspectText(const MapBundle& bundle) {
   row("views", Format("%ld, %d at each of %ld stations", static_cast<long>(m.num_views),
                       m.views_per_station, static_cast<long>(m.num_stations)));
   row("landmarks", Format("%ld", static_cast<long>(m.num_landmarks)));
+  row("vocabulary", StatedOr(m.vocabulary_release));
   row("words", Format("%u SIFT, %u MSER", bundle.vocabulary().sift.num_words,
                       bundle.vocabulary().mser.num_words));
   row("size",
@@ -117,14 +178,15 @@ std::string InspectText(const MapBundle& bundle) {
   return text;
 }
 
-std::string InspectJson(const MapBundle& bundle) {
+std::string InspectJson(const MapBundle& bundle, const SignatureState& signature) {
   // The manifest as it stands, and what it does not say itself.
-  nlohmann::ordered_json j;
+  Json j;
   const Extent e = ExtentOf(bundle);
   const double length_m = RouteLength_m(bundle);
   const auto bytes = static_cast<double>(BundleBytes(bundle));
   j["id"] = bundle.id();
-  j["manifest"] = nlohmann::ordered_json::parse(ToJson(bundle.manifest()));
+  j["signature"] = ToJson(signature);
+  j["manifest"] = Json::parse(ToJson(bundle.manifest()));
   j["coverage"] = {{"south_deg", e.south_deg}, {"north_deg", e.north_deg},
                    {"west_deg", e.west_deg},   {"east_deg", e.east_deg},
                    {"route_m", length_m},      {"panoramas_with_depth", WithDepth(bundle)}};

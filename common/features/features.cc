@@ -126,6 +126,25 @@ FeatureSet ExtractSift(const GrayImage& image, const FeatureOptions& options) {
   return ToFeatureSet(found, described, options, kUpsamplingShift_px, options.max_sift);
 }
 
+FeatureSet ExtractCoarseSift(const GrayImage& image, const FeatureOptions& options) {
+  if (image.width_px < 2 || image.height_px < 2) return {};
+  GrayImage half;
+  half.width_px = image.width_px / 2, half.height_px = image.height_px / 2;
+  half.pixels.resize(static_cast<std::size_t>(half.width_px) *
+                     static_cast<std::size_t>(half.height_px));
+  cv::Mat target = View(half);
+  cv::resize(View(image), target, target.size(), 0, 0, cv::INTER_AREA);
+  const float scale_x = static_cast<float>(image.width_px) / static_cast<float>(half.width_px);
+  const float scale_y = static_cast<float>(image.height_px) / static_cast<float>(half.height_px);
+  FeatureSet set = ExtractSift(half, options);
+  for (Keypoint& k : set.keypoints) {
+    k.x_px = scale_x * (k.x_px + 0.5F) - 0.5F;
+    k.y_px = scale_y * (k.y_px + 0.5F) - 0.5F;
+    k.size_px *= scale_x;
+  }
+  return set;
+}
+
 FeatureSet ExtractMser(const GrayImage& image, const FeatureOptions& options) {
   if (image.empty() || options.max_mser == 0) return {};
   const int area = image.width_px * image.height_px;

@@ -13,6 +13,8 @@
 namespace panofix {
 
 inline constexpr int kDescriptorSize = 128;
+// Diameters of the smallest regions that are found, at full and at half size.
+inline constexpr double kSmallestRegion_px = 2.0, kSmallestCoarseRegion_px = 2 * kSmallestRegion_px;
 
 // A keypoint in pixels of the image it was found in; integer coordinates are pixel centres.
 struct Keypoint {
@@ -61,6 +63,10 @@ struct FeatureOptions {
 // SIFT (Lowe, IJCV 2004; OpenCV's detector, whose upsampling shifts keypoints by a quarter pixel:
 // undone here), strongest first. Deterministic. `image` is preprocessed.
 [[nodiscard]] FeatureSet ExtractSift(const GrayImage& image, const FeatureOptions& options);
+
+// SIFT of the image at half its size: what is below `kSmallestCoarseRegion_px` is left out, at a
+// quarter of the cost. Keypoints in pixels of `image`.
+[[nodiscard]] FeatureSet ExtractCoarseSift(const GrayImage& image, const FeatureOptions& options);
 
 // Maximally stable extremal regions (Matas et al., BMVC 2002), each described by an upright SIFT
 // descriptor of its ellipse's size. `image` is preprocessed.

@@ -41,10 +41,11 @@ void PrintJson(const SignedManifest& bundle) {
 void PrintText(const SignedManifest& bundle) {
   const Manifest& m = bundle.manifest;
   const BundleRelease& r = *bundle.release;
+  const std::string before = m.runtime_before.empty() ? "" : ", before " + m.runtime_before;
   std::printf(
-      "bundle      %s\nmap         %s, build %lld\nformat      %d.%d, panofix %s and later\n",
+      "bundle      %s\nmap         %s, build %lld\nformat      %d.%d, panofix %s and later%s\n",
       bundle.id.c_str(), m.name.c_str(), static_cast<long long>(m.build), m.major, m.minor,
-      m.runtime_min.c_str());
+      m.runtime_min.c_str(), before.c_str());
   std::printf("signed by   key %s\ncreated     %s\nexpires     %s\n", r.key_id.c_str(),
               FormatUtc(r.statement.created_s).c_str(), FormatUtc(r.statement.expires_s).c_str());
   std::printf("vocabulary  %s\nsource      %s (%s), by %s\n", m.vocabulary_release.c_str(),

@@ -47,6 +47,11 @@ const std::vector<Lever>& AllLevers() {
        &Levers::bridging,
        {"tracking"},
        "where the map shows too little, what the last frames saw carries the pose on"},
+      {"coarse",
+       &Levers::coarse,
+       {"tracking"},
+       "a tracked frame is looked at at half its size first, and at full size where that leaves "
+       "doubt"},
       {"exhaustive",
        &Levers::exhaustive,
        {},

@@ -31,7 +31,8 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
   Stopwatch watch;
   const GrayImage image = Preprocess(frame, bundle->manifest().features);
   result->latency.preprocess_ms = watch.Lap();
-  const FrameFeatures features = ExtractFeatures(image, &result->latency);
+  if (TrackCoarse(image, result) || IsLate(result)) return;
+  const FrameFeatures features = ExtractFeatures(image, Detail::kFull, &result->latency);
   constexpr std::size_t kFewestFeatures = 20;
   if (features.sift.size() < kFewestFeatures) {
     result->reason = "too_few_features";
@@ -171,6 +172,7 @@ void Localizer::Forget() {
   impl_->recent = RecentFrames();
   impl_->last_is_distinct = false;
   impl_->last_in_map.reset();
+  impl_->coarse_pause = 0;
   impl_->places.Reset();
   impl_->last_retrieved.clear();
   impl_->has_last_frame = false;

@@ -65,12 +65,18 @@ struct Localizer::Impl {
     identity.num_views = bundle->views().size();
   }
 
-  FrameFeatures ExtractFeatures(const GrayImage& image, StageLatency* latency) const;
+  enum class Detail { kFull, kCoarse };
+  FrameFeatures ExtractFeatures(const GrayImage& image, Detail detail, StageLatency* latency) const;
   BagOfWords MakeBag(const GrayImage& image, const FrameFeatures& features,
                      StageLatency* latency) const;
   [[nodiscard]] std::vector<Rigid3> Predict(std::int64_t now_ns, const LocalFrame& local) const;
   [[nodiscard]] LocalFrame LocalOfSeeds() const;  // where history has seeds
+  [[nodiscard]] bool CanTrack() const;
+  // The pose that the predictions lead to.
+  PoseOutcome Follow(const FrameFeatures& features, const LocalFrame& local, FrameResult* result);
   bool Track(const FrameFeatures& features, FrameResult* result);
+  // The same at half the frame's size, where the last frames were sure so.
+  bool TrackCoarse(const GrayImage& image, FrameResult* result);
   // Carries on from what the last frames saw, where the map alone does not.
   bool Bridge(const FrameFeatures& features, FrameResult* result);
   [[nodiscard]] PoseContext Context(const FrameFeatures& features, const LocalFrame& local) const;
@@ -123,6 +129,7 @@ struct Localizer::Impl {
   std::optional<Eigen::Vector3d> last_in_map;  // of the last pose, for the tiles
   CalibrationWatch calibration;
   RivalWatch rivals;
+  int coarse_pause = 0;           // frames until half the size is tried again
   bool last_is_distinct = false;  // of the last pose in history
   PastFrames past;
   RecentFrames recent;

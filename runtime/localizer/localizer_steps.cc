@@ -32,11 +32,17 @@ PlaceGraph PlaceGraphOf(const MapBundle& bundle) {
   return graph;
 }
 
-FrameFeatures Localizer::Impl::ExtractFeatures(const GrayImage& image,
+FrameFeatures Localizer::Impl::ExtractFeatures(const GrayImage& image, Detail detail,
                                                StageLatency* latency) const {
   Stopwatch watch;
   FrameFeatures features;
-  features.sift = ExtractSift(image, bundle->manifest().features);
+  const FeatureOptions& feature_options = bundle->manifest().features;
+  if (detail == Detail::kCoarse) {
+    features.sift = ExtractCoarseSift(image, feature_options);
+    features.smallest_px = kSmallestCoarseRegion_px;
+  } else {
+    features.sift = ExtractSift(image, feature_options);
+  }
   for (const Keypoint& k : features.sift.keypoints) {
     features.bearings.push_back(camera.Normalize({double{k.x_px}, double{k.y_px}}));
   }
@@ -69,14 +75,43 @@ LocalFrame Localizer::Impl::LocalOfSeeds() const {
   return LocalFrame::At(bundle->panoramas()[view.panorama_idx]);
 }
 
+bool Localizer::Impl::CanTrack() const {
+  return levers.tracking && pose_options.use_guided && !levers.exhaustive &&
+         !history.seeds().empty();
+}
+
+PoseOutcome Localizer::Impl::Follow(const FrameFeatures& features, const LocalFrame& local,
+                                    FrameResult* result) {
+  Stopwatch watch;
+  PoseOutcome outcome = TrackPose(Context(features, local), Predict(result->timestamp_ns, local));
+  result->latency.pose_ms += watch.Lap();
+  return outcome;
+}
+
+bool Localizer::Impl::TrackCoarse(const GrayImage& image, FrameResult* result) {
+  constexpr int kPause = 4;
+  // Rivals are compared on all that a frame shows.
+  if (!levers.coarse || !CanTrack() || !history.HasRecentFix() || rivals.IsDue() ||
+      rivals.IsAmbiguous()) {
+    return false;
+  }
+  if (coarse_pause > 0) {
+    --coarse_pause;
+    return false;
+  }
+  const FrameFeatures features = ExtractFeatures(image, Detail::kCoarse, &result->latency);
+  const LocalFrame local = LocalOfSeeds();
+  const PoseOutcome outcome = Follow(features, local, result);
+  if (IsSure(outcome, pose_options)) return Accept(features, outcome, local, result);
+  coarse_pause = kPause;
+  return false;
+}
+
 // Follows the last fixes: no retrieval, no words.
 bool Localizer::Impl::Track(const FrameFeatures& features, FrameResult* result) {
-  if (!pose_options.use_guided || levers.exhaustive || history.seeds().empty()) return false;
-  Stopwatch watch;
+  if (!CanTrack()) return false;
   const LocalFrame local = LocalOfSeeds();
-  const PoseOutcome outcome =
-      TrackPose(Context(features, local), Predict(result->timestamp_ns, local));
-  result->latency.pose_ms += watch.Lap();
+  const PoseOutcome outcome = Follow(features, local, result);
   if (!outcome.trusted || outcome.degraded) return false;
   if (outcome.num_inliers < pose_options.weak_inliers &&
       IsDistinct(features, outcome, local, result) && Bridge(features, result)) {

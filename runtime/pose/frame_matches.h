@@ -16,7 +16,8 @@ namespace panofix {
 // The frame's features with their undistorted bearings.
 struct FrameFeatures {
   FeatureSet sift;
-  std::vector<Eigen::Vector2d> bearings;  // (x/z, y/z)
+  std::vector<Eigen::Vector2d> bearings;    // (x/z, y/z)
+  double smallest_px = kSmallestRegion_px;  // landmarks that appear smaller cannot be found in it
 };
 
 // Error of a keypoint in pixels, 1-sigma: grows with the region's size.

@@ -38,6 +38,12 @@ bool HasPlenty(const PoseOutcome& outcome, const PoseOptions& options) {
          outcome.over_chance >= options.plenty_over_chance;
 }
 
+bool IsSure(const PoseOutcome& outcome, const PoseOptions& options) {
+  return outcome.trusted && !outcome.degraded && outcome.num_inliers >= options.coarse_inliers &&
+         outcome.over_chance >= options.coarse_over_chance &&
+         PositionSigma_m(outcome) <= options.coarse_position_sigma_m;
+}
+
 std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local,
                        const PoseOptions& options) {
   if (outcome.num_inliers < options.min_inliers) return "too_few_inliers";

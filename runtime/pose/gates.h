@@ -14,6 +14,9 @@ namespace panofix {
 // Whether a pose is so well supported that its ratio to chance need not be high.
 [[nodiscard]] bool HasPlenty(const PoseOutcome& outcome, const PoseOptions& options);
 
+// Whether a tracked pose is so sure that the frame at full size would tell nothing new.
+[[nodiscard]] bool IsSure(const PoseOutcome& outcome, const PoseOptions& options);
+
 // The first gate that a candidate fails, as a reason word, or "".
 [[nodiscard]] std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle,
                                      const LocalFrame& local, const PoseOptions& options);

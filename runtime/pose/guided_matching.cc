@@ -80,7 +80,7 @@ struct Prediction {
   double size_px = 0, angle_deg = 0;
 };
 std::optional<Prediction> Predict(const ReadyLandmark& landmark, const Camera& camera,
-                                  const Rigid3& cam_from_local) {
+                                  const Rigid3& cam_from_local, double smallest_px) {
   const Eigen::Vector3d x_in_cam = cam_from_local * landmark.match.point_in_map;
   if (x_in_cam.z() < 0.5) return std::nullopt;
   const auto px = camera.Project(x_in_cam);
@@ -89,8 +89,7 @@ std::optional<Prediction> Predict(const ReadyLandmark& landmark, const Camera& c
     return std::nullopt;
   }
   const double size_px = double{landmark.size_m} / x_in_cam.norm() * camera.fx_px;
-  constexpr double kSmallestSize_px = 2.0;  // smaller ones are below the frame's resolution
-  if (size_px < kSmallestSize_px) return std::nullopt;
+  if (size_px < smallest_px) return std::nullopt;
   // Roll between the camera and the landmark's level view turns orientations.
   const Eigen::Vector3d up = cam_from_local.rotation * landmark.up_in_local.cast<double>();
   const double roll_deg = std::atan2(up.x(), -up.y()) / kRadPerDeg;
@@ -118,7 +117,7 @@ std::size_t CellOf(const Eigen::Vector2d& px, const Camera& camera) {
 }
 
 void SearchLandmark(const Search& search, const ReadyLandmark& landmark, GuidedMatches* result) {
-  const auto at = Predict(landmark, search.camera, search.cam_from_local);
+  const auto at = Predict(landmark, search.camera, search.cam_from_local, search.frame.smallest_px);
   if (!at) return;
   ++result->num_visible;
   GuidedMatches::Cell& cell = result->cells[CellOf(at->px, search.camera)];
@@ -250,7 +249,7 @@ ViewMatches MatchAround(const FrameFeatures& frame, const KeypointGrid& grid, co
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
     std::vector<int> candidates;
     for (std::size_t i = part * kPart; i < std::min(landmarks.size(), (part + 1) * kPart); ++i) {
-      const auto at = Predict(landmarks[i], camera, cam_from_local);
+      const auto at = Predict(landmarks[i], camera, cam_from_local, frame.smallest_px);
       if (!at) continue;
       candidates.clear();
       grid.Within(at->px, radius_px, &candidates);

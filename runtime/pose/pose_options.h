@@ -42,7 +42,12 @@ struct PoseOptions {
   double find_support = 0.08;
   double find_over_chance = 8;
   double find_coverage = 0.35;
-  int weak_inliers = 50;         // a tracked pose with fewer is joined to what the last frames saw
+  int weak_inliers = 50;  // a tracked pose with fewer is joined to what the last frames saw
+  // What a tracked pose must show that the frame at half its size led to; else all of it is looked
+  // at.
+  int coarse_inliers = 40;
+  double coarse_over_chance = 8;
+  double coarse_position_sigma_m = 0.15;
   double max_track_shift_m = 4;  // of a pose from the prediction that led to it
   double max_rival_share =
       0.35;               // of the support of a found pose: a rival with more is a look-alike

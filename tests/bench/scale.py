@@ -3,9 +3,11 @@
 
 Renders one small street, lays copies of it out a kilometre apart, and builds maps of 100, 1000 and
 10 000 panoramas (--sizes) from them, with the whole pipeline; then changes 1 % of the panoramas,
-street by street, and builds again with the first night's vocabulary. Writes DIR/scale.md and
+street by street, and builds again with the first night's vocabulary, signs the map and packs what
+changed; and once more with the 1 % scattered, each in another street. Writes DIR/scale.md and
 DIR/scale.json. Pictures are small, so that ten thousand take minutes: look at how cost grows, not
-at what it is. Totals are processor time; columns of stages are their wall time. Python 3, standard library only.
+at what it is. Totals are processor time; columns of stages are their wall time. Python 3, standard
+library only.
 """
 
 import argparse
@@ -15,6 +17,7 @@ import pathlib
 import resource
 import shutil
 import subprocess
+import tarfile
 
 PER_STREET = 10
 
@@ -67,6 +70,47 @@ def night(options, town, data, name, out, *more):
     return seconds, report
 
 
+def render(options, folder, seed):
+    """One street, if it is not there yet."""
+    if not (folder / "panoramas.geojson").exists():
+        run([options.bin / "panofix-town", "--out", folder, "--seed", seed, "--panoramas",
+             PER_STREET, "--no-drive", "--pano-width-px", "320", "--frame-width-px", "120",
+             "--frame-height-px", "90"], options.out / "town.log")
+    return json.loads((folder / "panoramas.geojson").read_text())
+
+
+def changed(data, other, which):
+    """The data set with some of its panoramas as they are in another street: pictures and depths
+    that nothing in the old map has anything of."""
+    data = copy.deepcopy(data)
+    for i in which:
+        for name in ("image", "depth"):
+            path = other["features"][i % PER_STREET]["properties"][name]
+            data["features"][i]["properties"][name] = f"other/{path}"
+    return data
+
+
+def shipped(options, town, first, second):
+    """Bytes of the package from one night's bundle to the next, and which parts they are for."""
+    key = town / "ship.key"
+    if not key.exists():
+        run([options.bin / "panofix-builder", "keygen", "--key", key, "--public",
+             town / "ship.pub"], town / "ship.log")
+    run([options.bin / "panofix-builder", "sign", second, "--key", key], town / "ship.log")
+    package = second.with_suffix(".pfb")
+    run([options.bin / "panofix-builder", "delta", first, second, "--out", package],
+        town / "ship.log")
+    kinds = {part["sha256"]: part["path"].split("/")[0]
+             for part in json.loads((second / "manifest.json").read_text())["parts"]}
+    parts = {}
+    for entry in tarfile.open(package):
+        target = entry.name.split("/")[-1].split(".")[0].split("-")[-1]
+        kind = kinds.get(target, "manifest and the like")
+        parts[kind] = parts.get(kind, 0) + entry.size
+    bundle = sum(p.stat().st_size for p in second.rglob("*") if p.is_file())
+    return {"package_bytes": package.stat().st_size, "bundle_bytes": bundle, "parts": parts}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=pathlib.Path, required=True, help="folder for all results")
@@ -76,11 +120,8 @@ def main():
     options.bin = options.bin.resolve()
     options.out.mkdir(parents=True, exist_ok=True)
     town = options.out.resolve() / "town"
-    if not (town / "panoramas.geojson").exists():
-        run([options.bin / "panofix-town", "--out", town, "--seed", "5", "--panoramas", PER_STREET,
-             "--no-drive", "--pano-width-px", "320", "--frame-width-px", "120",
-             "--frame-height-px", "90"], options.out / "town.log")
-    street = json.loads((town / "panoramas.geojson").read_text())
+    street = render(options, town, 5)
+    other = render(options, town / "other", 6)
     results = []
     for size in options.sizes:
         out = options.out.resolve() / str(size)
@@ -88,16 +129,21 @@ def main():
         out.mkdir()
         data = city(street, size // PER_STREET)
         first_s, first = night(options, town, data, "first", out)
-        pictures = [f["properties"]["image"] for f in street["features"]]
-        for i, feature in enumerate(data["features"][: max(1, size // 100)]):
-            feature["properties"]["image"] = pictures[(i + 1) % len(pictures)]
+        num_changed = max(1, size // 100)
+        together = changed(data, other, range(num_changed))
+        scattered = changed(data, other, range(3, size, size // num_changed))
         release = ["--vocabulary", out / "first" / "vocabulary.h5"]
-        quiet_s, _ = night(options, town, city(street, size // PER_STREET), "quiet", out, *release)
-        second_s, second = night(options, town, data, "second", out, *release)
+        quiet_s, _ = night(options, town, data, "quiet", out, *release, "--build", "2")
+        second_s, second = night(options, town, together, "second", out, *release, "--build", "2")
+        night(options, town, scattered, "scattered", out, *release, "--build", "2")
         same, tiles = same_tiles(out / "first", out / "second")
+        ship = {name: shipped(options, town, out / "first", out / name)
+                for name in ("quiet", "second", "scattered")}
         results.append({"panoramas": size, "first_s": first_s, "quiet_s": quiet_s,
                         "second_s": second_s, "same_tiles": same, "tiles": tiles,
                         "first": stage_rows(first), "second": stage_rows(second),
+                        "ship": ship,
+                        "scattered_same_tiles": same_tiles(out / "first", out / "scattered")[0],
                         "peak_mb": first["peak_memory_bytes"] / 1e6,
                         "bundle_mb": first["bundle_bytes"] / 1e6})
         shutil.rmtree(out / "work")
@@ -114,6 +160,12 @@ def main():
     for r in results:
         lines.append(f"| {r['panoramas']} | {r['first_s']:.1f} | {r['quiet_s']:.1f} | "
                      f"{r['second_s']:.1f} | {r['same_tiles']} of {r['tiles']} |")
+    lines += ["", "| panoramas | without news, shipped | 1 % changed | 1 % scattered | tiles the same |",
+              "|---:|---:|---:|---:|---:|"]
+    for r in results:
+        shares = [f"{100 * s['package_bytes'] / s['bundle_bytes']:.1f} %" for s in r["ship"].values()]
+        lines.append(f"| {r['panoramas']} | " + " | ".join(shares) +
+                     f" | {r['scattered_same_tiles']} of {r['tiles']} |")
     text = "\n".join(lines) + "\n"
     (options.out / "scale.md").write_text(text)
     print(text)

@@ -12,6 +12,9 @@ namespace fs = std::filesystem;
 
 constexpr int kStreets = 20, kPerStreet = 5;  // a hundred panoramas: one is 1 %
 
+// Of a bundle, in a night with 1 % changed panoramas.
+constexpr double kMostShipped = 0.05;
+
 // One small street, at twenty places of a city a kilometre apart.
 class IncrementalBuild : public testing::Test {
  protected:
@@ -73,6 +76,21 @@ class IncrementalBuild : public testing::Test {
     const Json s = Stage(night, stage);
     return s["num_items"].get<int>() - s["num_reused"].get<int>();
   }
+  // Size of the package from the first night's bundle to this one's, as a share of this one.
+  static double ShippedShare(const std::string& night) {
+    const std::string key = data_->root() / (night + ".key"), bundle = data_->root() / night,
+                      package = bundle + ".pfb";
+    for (const std::vector<std::string>& command :
+         {std::vector<std::string>{"keygen", "--key", key, "--public", key + ".pub"},
+          {"sign", bundle, "--key", key},
+          {"delta", data_->root() / "first", bundle, "--out", package}}) {
+      const Outcome outcome = Builder(command);
+      EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
+    }
+    std::uintmax_t num_bytes = 0;
+    for (const auto& [path, bytes] : ReadTree(bundle)) num_bytes += bytes.size();
+    return static_cast<double>(fs::file_size(package)) / static_cast<double>(num_bytes);
+  }
   static Files Tiles(const Files& files) {
     Files tiles;
     for (const auto& [path, bytes] : files) {
@@ -122,6 +140,7 @@ TEST_F(IncrementalBuild, OnePanoramaOfAHundredTouchesItsTileAlone) {
   const Json tiles = Stage("changed", "landmarks")["redone"];
   ASSERT_GE(tiles.size(), 1U);
   EXPECT_NE(tiles[0]["why"].get<std::string>().find(city_["features"][2]["id"]), std::string::npos);
+  EXPECT_LE(ShippedShare("changed"), kMostShipped);
   // The oracle: the same night from nothing.
   ExpectSameFiles(files, Night("changed-anew", set, {}));
   fs::remove_all(data_->root() / "fresh.work");

@@ -118,6 +118,46 @@ TEST_F(Ship, VerifySaysWhatItIs) {
   ExpectRefused(Runtime({"verify", Map(1)}), 64, "--trusted-key");
 }
 
+TEST_F(Ship, InspectSaysWhoseSignatureItIs) {
+  const auto inspect = [](const fs::path& bundle, const std::vector<std::string>& more) {
+    std::vector<std::string> command{"inspect", bundle, "--json"};
+    command.insert(command.end(), more.begin(), more.end());
+    return Builder(command);
+  };
+  const auto state = [](const Outcome& outcome) {
+    return Json::parse(outcome.output)["signature"]["state"].get<std::string>();
+  };
+  const Outcome ours = inspect(Map(1), {"--trusted-key", Path("map.pub")});
+  ExpectDone(ours);
+  EXPECT_EQ(state(ours), "verified");
+  EXPECT_EQ(Json::parse(ours.output)["signature"]["created"], kCreated);
+  EXPECT_EQ(Json::parse(ours.output)["manifest"]["build"], 1);
+  EXPECT_EQ(state(inspect(Map(1), {})), "not verified");
+  const Outcome theirs = inspect(Map(1), {"--trusted-key", Path("next.pub")});
+  EXPECT_EQ(theirs.exit_code, 77) << theirs.errors;
+  EXPECT_EQ(state(theirs), "bad");
+  const fs::path bare = Copy();
+  fs::remove(bare / "manifest.json.minisig");
+  EXPECT_EQ(state(inspect(bare, {})), "unsigned");
+  EXPECT_EQ(inspect(bare, {"--trusted-key", Path("map.pub")}).exit_code, 77);
+}
+
+TEST_F(Ship, AnOldFormatIsMigratedSignedAnewAndVerified) {
+  const fs::path golden = fs::path(PANOFIX_SOURCE_DIR) / "schemas/golden";
+  const std::string migrated = Path("migrated");
+  ExpectDone(Builder({"migrate", golden / "bundle-2.0", "--out", migrated + "/", "--build", "8"}));
+  EXPECT_EQ(Runtime({"verify", migrated, "--trusted-key", Path("map.pub")}).exit_code, 77);
+  Sign(migrated, "map");
+  const Outcome verified =
+      Runtime({"verify", migrated, "--trusted-key", Path("map.pub"), "--json"});
+  ExpectDone(verified);
+  EXPECT_EQ(Json::parse(verified.output)["manifest"]["format"]["minor"], 1);
+  EXPECT_EQ(Json::parse(verified.output)["manifest"]["build"], 8);
+  const Outcome refused = Builder({"migrate", golden / "bundle-1.0", "--out", Path("migrated-1")});
+  EXPECT_EQ(refused.exit_code, 76);
+  EXPECT_THAT(refused.errors, HasSubstr("build the bundle again"));
+}
+
 TEST_F(Ship, ADeltaBringsTheNextBuildByteForByte) {
   ExpectDone(Install(Map(1), {"--activate"}));
   EXPECT_EQ(State()["active"], IdOf(Map(1)));
@@ -239,7 +279,7 @@ TEST_F(Ship, ServeRunsFromTheStoreAndFallsBack) {
   ExpectDone(Install(Map(2), {"--activate"}));
   const auto ipc = [](const std::string& name) { return "ipc://" + Path(name); };
   const auto drive = [&](const std::vector<std::string>& map, const std::string& poses) {
-    std::vector<std::string> command{"serve", "--frames",   ipc("frames"), "--poses",
+    std::vector<std::string> command{"serve",      "--frames", ipc("frames"),  "--poses",
                                      ipc("poses"), "--camera", data_->camera()};
     command.insert(command.end(), map.begin(), map.end());
     Process serve(RuntimeCommand(command));

@@ -1,10 +1,16 @@
 #pragma once
-// A small bundle as the builder's stages would hand it to the writer.
+// A small bundle as the builder's stages would make it, and its way to disk: part by part, then
+// published.
 
+#include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
+#include "builder/publish/bundle_parts.h"
 #include "builder/publish/bundle_writer.h"
+#include "common/io/sha256.h"
+#include "tests/common/io/temp_folder.h"
 #include "tests/common/vocabulary/make_tree.h"
 
 namespace panofix {
@@ -88,6 +94,64 @@ inline BundleTile TileOf(std::size_t begin, std::size_t end) {
 
 inline BundleTile GivenTile(std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
   return TileOf(begin, end);
+}
+
+// Makes the tile of panoramas [begin, end); may refine the panoramas' poses.
+using MakeTile =
+    std::function<BundleTile(std::size_t begin, std::size_t end, std::vector<MapPanorama>*)>;
+
+// Parts in a folder of their own, as the stages leave them.
+class WrittenParts {
+ public:
+  WrittenParts(BundleContent content, const MakeTile& make_tile) {
+    manifest = content.manifest;
+    Add("vocabulary.h5", [&](const auto& path) {
+      WriteVocabulary(path, content.vocabulary, content.pack_descriptors);
+    });
+    manifest.vocabulary_release = "sha256:" + manifest.parts.back().sha256;
+    for (std::size_t begin = 0; begin < content.panoramas.size();) {
+      std::size_t end = begin;
+      const std::string& tile = content.tile_of_panorama[begin];
+      while (end < content.panoramas.size() && content.tile_of_panorama[end] == tile) ++end;
+      const BundleTile made = make_tile(begin, end, &content.panoramas);
+      manifest.num_landmarks += static_cast<std::int64_t>(made.landmarks.size());
+      Add("tiles/" + tile + ".h5",
+          [&](const auto& path) { WriteTile(path, content, begin, end, made); });
+      if (!made.view_images.empty()) {
+        Add("images/" + tile + ".h5",
+            [&](const auto& path) { WriteViewImages(path, content, begin, end, made); });
+      }
+      begin = end;
+    }
+    Add("graph.h5", [&](const auto& path) { WriteGraph(path, content); });
+    const auto by_path = [](const auto& a, const auto& b) { return a.path < b.path; };
+    std::sort(manifest.parts.begin(), manifest.parts.end(), by_path);
+    manifest.num_panoramas = static_cast<std::int64_t>(content.panoramas.size());
+    manifest.views_per_station = static_cast<int>(content.directions.size());
+    manifest.num_stations = static_cast<std::int64_t>(content.stations.size());
+    manifest.num_views = manifest.num_stations * manifest.views_per_station;
+    for (const BundlePart& part : manifest.parts) parts.push_back({part, folder_ / part.path});
+  }
+
+  Manifest manifest;
+  std::vector<FinishedPart> parts;
+
+ private:
+  void Add(const std::string& name,
+           const std::function<void(const std::filesystem::path&)>& write) {
+    const std::filesystem::path path = folder_ / name;
+    std::filesystem::create_directories(path.parent_path());
+    write(path);
+    manifest.parts.push_back(
+        {name, std::filesystem::file_size(path), ValueOrThrow(Sha256OfFile(path))});
+  }
+  const TempFolder folder_;
+};
+
+inline Manifest Publish(const std::filesystem::path& target, const BundleContent& content,
+                        const MakeTile& make_tile) {
+  const WrittenParts written(content, make_tile);
+  return PublishParts(target, written.manifest, written.parts);
 }
 
 }  // namespace panofix

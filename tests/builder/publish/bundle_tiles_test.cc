@@ -38,12 +38,12 @@ void ExpectSame(const MapBundle& bundle, std::uint32_t id, const Landmark& writt
   }
 }
 
-TEST(WriteBundle, TilesOpenAsTheyWereWritten) {
+TEST(BundleParts, TilesOpenAsTheyWereWritten) {
   for (const bool is_packed : {true, false}) {
     const TempFolder folder;
     BundleContent content = Content();
     content.pack_descriptors = is_packed;
-    (void)WriteBundle(folder / "b", content, GivenTile);
+    (void)Publish(folder / "b", content, GivenTile);
     const auto opened = MapBundle::Open(folder / "b");
     ASSERT_TRUE(opened.ok()) << opened.status().message();
     const MapBundle& bundle = **opened;

@@ -31,10 +31,10 @@ std::size_t NumEntries(const fs::path& folder) {
   return static_cast<std::size_t>(std::distance(begin(entries), end(entries)));
 }
 
-TEST(WriteBundle, GraphOpensAsItWasWritten) {
+TEST(BundleParts, GraphOpensAsItWasWritten) {
   const TempFolder folder;
   const BundleContent content = Content();
-  const Manifest manifest = WriteBundle(folder / "b", content, GivenTile);
+  const Manifest manifest = Publish(folder / "b", content, GivenTile);
   const auto opened = MapBundle::Open(folder / "b");
   ASSERT_TRUE(opened.ok()) << opened.status().message();
   const MapBundle& bundle = **opened;
@@ -80,17 +80,17 @@ TEST(WriteBundle, GraphOpensAsItWasWritten) {
 }
 
 // A tile's refinement moves and flags its panoramas; the graph is written after all tiles.
-TEST(WriteBundle, RefinedPosesAndFlagsAreInTheGraph) {
+TEST(BundleParts, RefinedPosesAndFlagsAreInTheGraph) {
   const TempFolder folder;
   const BundleContent content = Content();
-  (void)WriteBundle(folder / "b", content,
-                    [](std::size_t begin, std::size_t end, std::vector<MapPanorama>* panoramas) {
-                      for (std::size_t p = begin; p < end; ++p) {
-                        (*panoramas)[p].map_from_pano.translation.z() += 1 + static_cast<double>(p);
-                        (*panoramas)[p].is_flagged = p == 0 || p == 3;
-                      }
-                      return TileOf(begin, end);
-                    });
+  (void)Publish(folder / "b", content,
+                [](std::size_t begin, std::size_t end, std::vector<MapPanorama>* panoramas) {
+                  for (std::size_t p = begin; p < end; ++p) {
+                    (*panoramas)[p].map_from_pano.translation.z() += 1 + static_cast<double>(p);
+                    (*panoramas)[p].is_flagged = p == 0 || p == 3;
+                  }
+                  return TileOf(begin, end);
+                });
   const auto opened = MapBundle::Open(folder / "b");
   ASSERT_TRUE(opened.ok()) << opened.status().message();
   for (std::uint32_t p = 0; p < kPanoramas; ++p) {
@@ -101,37 +101,36 @@ TEST(WriteBundle, RefinedPosesAndFlagsAreInTheGraph) {
 }
 
 // Anything else would be written as another anchor's.
-TEST(WriteBundle, LandmarksThatDoNotFollowTheirAnchorsAreABug) {
+TEST(BundleParts, LandmarksThatDoNotFollowTheirAnchorsAreABug) {
   const TempFolder folder;
-  EXPECT_THROW((void)WriteBundle(folder / "b", Content(),
-                                 [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
-                                   BundleTile tile = TileOf(begin, end);
-                                   std::swap(tile.landmarks.front(), tile.landmarks.back());
-                                   return tile;
-                                 }),
+  EXPECT_THROW((void)Publish(folder / "b", Content(),
+                             [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+                               BundleTile tile = TileOf(begin, end);
+                               std::swap(tile.landmarks.front(), tile.landmarks.back());
+                               return tile;
+                             }),
                std::logic_error);
   EXPECT_EQ(NumEntries(folder.path()), 0U);
 }
 
-TEST(WriteBundle, AViewOfAnotherTileIsABug) {
+TEST(BundleParts, AViewOfAnotherTileIsABug) {
   const TempFolder folder;
   for (const std::uint32_t view : {std::uint32_t{5}, std::uint32_t{12}, ~std::uint32_t{0}}) {
-    EXPECT_THROW(
-        (void)WriteBundle(folder / "b", Content(),
-                          [&](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
-                            BundleTile tile = TileOf(begin, end);
-                            if (begin > 0) tile.landmarks.front().views = {view};
-                            return tile;
-                          }),
-        std::logic_error)
+    EXPECT_THROW((void)Publish(folder / "b", Content(),
+                               [&](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+                                 BundleTile tile = TileOf(begin, end);
+                                 if (begin > 0) tile.landmarks.front().views = {view};
+                                 return tile;
+                               }),
+                 std::logic_error)
         << view;
   }
   EXPECT_EQ(NumEntries(folder.path()), 0U);
 }
 
-TEST(WriteBundle, ManifestNamesExactlyTheFilesThatAreThere) {
+TEST(PublishParts, ManifestNamesExactlyTheFilesThatAreThere) {
   const TempFolder folder;
-  const Manifest manifest = WriteBundle(folder / "b", Content(), GivenTile);
+  const Manifest manifest = Publish(folder / "b", Content(), GivenTile);
   auto files = FilesOf(folder / "b");
   EXPECT_EQ(manifest.parts.size(), 4U);
   std::string previous;
@@ -148,23 +147,23 @@ TEST(WriteBundle, ManifestNamesExactlyTheFilesThatAreThere) {
   EXPECT_EQ(files.size(), 2U);
 }
 
-TEST(WriteBundle, SameContentSameBytes) {
+TEST(BundleParts, SameContentSameBytes) {
   const TempFolder folder;
-  (void)WriteBundle(folder / "a", Content(), GivenTile);
-  (void)WriteBundle(folder / "b", Content(), GivenTile);
+  (void)Publish(folder / "a", Content(), GivenTile);
+  (void)Publish(folder / "b", Content(), GivenTile);
   EXPECT_EQ(FilesOf(folder / "a"), FilesOf(folder / "b"));
 }
 
 // What changes in one place changes the tile of that place.
-TEST(WriteBundle, AnUnchangedTileIsByteIdentical) {
+TEST(BundleParts, AnUnchangedTileIsByteIdentical) {
   const TempFolder folder;
-  (void)WriteBundle(folder / "a", Content(), GivenTile);
-  (void)WriteBundle(folder / "b", Content(),
-                    [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
-                      BundleTile tile = TileOf(begin, end);
-                      if (begin > 0) tile.landmarks.front().point_in_pano.x() += 1;
-                      return tile;
-                    });
+  (void)Publish(folder / "a", Content(), GivenTile);
+  (void)Publish(folder / "b", Content(),
+                [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+                  BundleTile tile = TileOf(begin, end);
+                  if (begin > 0) tile.landmarks.front().point_in_pano.x() += 1;
+                  return tile;
+                });
   auto a = FilesOf(folder / "a"), b = FilesOf(folder / "b");
   EXPECT_EQ(a["tiles/12022.h5"], b["tiles/12022.h5"]);
   EXPECT_EQ(a["graph.h5"], b["graph.h5"]);
@@ -172,13 +171,13 @@ TEST(WriteBundle, AnUnchangedTileIsByteIdentical) {
   EXPECT_NE(a["tiles/12023.h5"], b["tiles/12023.h5"]);
 }
 
-TEST(WriteBundle, ReplacesABundleThatIsThere) {
+TEST(PublishParts, ReplacesABundleThatIsThere) {
   const TempFolder folder;
   BundleContent content = Content();
-  (void)WriteBundle(folder / "b", content, GivenTile);
+  (void)Publish(folder / "b", content, GivenTile);
   content.manifest.name = "newer";
   // With the slash that a shell's completion leaves.
-  (void)WriteBundle((folder / "b").string() + "/", content, GivenTile);
+  (void)Publish((folder / "b").string() + "/", content, GivenTile);
   const auto opened = MapBundle::Open(folder / "b");
   ASSERT_TRUE(opened.ok()) << opened.status().message();
   EXPECT_EQ((*opened)->manifest().name, "newer");
@@ -186,20 +185,29 @@ TEST(WriteBundle, ReplacesABundleThatIsThere) {
   EXPECT_EQ(NumEntries(folder / "b"), 5U);
 }
 
-TEST(WriteBundle, AFailureLeavesTheOldBundleAndNothingElse) {
+TEST(PublishParts, AFailureLeavesTheOldBundleAndNothingElse) {
   const TempFolder folder;
-  (void)WriteBundle(folder / "b", Content(), GivenTile);
+  (void)Publish(folder / "b", Content(), GivenTile);
   const auto before = FilesOf(folder / "b");
-  const auto failing = [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
-    if (begin > 0) throw Error(ErrorCode::kIo, "disk: gone");
-    return TileOf(begin, end);
+  const WrittenParts written(Content(), GivenTile);
+  const auto expect_fails = [&](ErrorCode code) {
+    for (const char* name : {"b", "new"}) {
+      try {
+        (void)PublishParts(folder / name, written.manifest, written.parts);
+        ADD_FAILURE() << "nothing was thrown";
+      } catch (const Error& error) {
+        EXPECT_EQ(error.code(), code) << error.what();
+      }
+    }
+    EXPECT_EQ(FilesOf(folder / "b"), before);
+    EXPECT_EQ(NumEntries(folder.path()), 1U);
   };
-  EXPECT_THROW((void)WriteBundle(folder / "b", Content(), failing), Error);
-  EXPECT_EQ(FilesOf(folder / "b"), before);
-  EXPECT_EQ(NumEntries(folder.path()), 1U);
-  EXPECT_THROW((void)WriteBundle(folder / "new", Content(), failing), Error);
-  EXPECT_FALSE(fs::exists(folder / "new"));
-  EXPECT_EQ(NumEntries(folder.path()), 1U);
+  // The last part in the list: the others are staged by then.
+  const fs::path last = written.parts.back().file;
+  WriteText(last, ReadText(last) + "x");
+  expect_fails(ErrorCode::kChecksumMismatch);
+  fs::remove(last);
+  expect_fails(ErrorCode::kIo);
 }
 
 // Bytes that tell the views apart; whether they are pictures is not the writer's business.
@@ -210,10 +218,10 @@ BundleTile TileWithImages(std::size_t begin, std::size_t end, std::vector<MapPan
   return tile;
 }
 
-TEST(WriteBundle, ViewImagesAreKeptInPartsOfTheirOwn) {
+TEST(BundleParts, ViewImagesAreKeptInPartsOfTheirOwn) {
   const TempFolder folder;
-  const Manifest manifest = WriteBundle(folder / "b", Content(), TileWithImages);
-  const Manifest without = WriteBundle(folder / "without", Content(), GivenTile);
+  const Manifest manifest = Publish(folder / "b", Content(), TileWithImages);
+  const Manifest without = Publish(folder / "without", Content(), GivenTile);
   EXPECT_EQ(manifest.parts.size(), without.parts.size() + 2);
   std::uint8_t view = 0;
   for (const char* part : {"12022", "12023"}) {
@@ -233,25 +241,25 @@ TEST(WriteBundle, ViewImagesAreKeptInPartsOfTheirOwn) {
   EXPECT_EQ((*bundle)->ViewImage(0).status().code(), ErrorCode::kBadData);  // no pictures, these
 }
 
-TEST(WriteBundle, ViewImagesOfTheWrongNumberAreACallersFault) {
+TEST(BundleParts, ViewImagesOfTheWrongNumberAreACallersFault) {
   const TempFolder folder;
   const auto make_tile = [](std::size_t begin, std::size_t end, std::vector<MapPanorama>* all) {
     BundleTile tile = TileWithImages(begin, end, all);
     tile.view_images.pop_back();
     return tile;
   };
-  EXPECT_THROW((void)WriteBundle(folder / "b", Content(), make_tile), std::logic_error);
+  EXPECT_THROW((void)Publish(folder / "b", Content(), make_tile), std::logic_error);
   EXPECT_EQ(NumEntries(folder.path()), 0U);
 }
 
-TEST(WriteBundle, CtrlCLeavesNothing) {
+TEST(PublishParts, CtrlCLeavesNothing) {
   const TempFolder folder;
   try {
-    (void)WriteBundle(folder / "b", Content(),
-                      [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
-                        RequestCancel();
-                        return TileOf(begin, end);
-                      });
+    (void)Publish(folder / "b", Content(),
+                  [](std::size_t begin, std::size_t end, std::vector<MapPanorama>*) {
+                    RequestCancel();
+                    return TileOf(begin, end);
+                  });
     ADD_FAILURE() << "nothing was thrown";
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::kCancelled);
@@ -260,18 +268,18 @@ TEST(WriteBundle, CtrlCLeavesNothing) {
   EXPECT_EQ(NumEntries(folder.path()), 0U);
 }
 
-TEST(WriteBundle, APlaceThatCannotBeWrittenIsSaid) {
+TEST(PublishParts, APlaceThatCannotBeWrittenIsSaid) {
   const TempFolder folder;
   WriteText(folder / "file", "x");
-  EXPECT_THROW((void)WriteBundle(folder / "file" / "b", Content(), GivenTile), Error);
-  EXPECT_THROW((void)WriteBundle(folder / "file", Content(), GivenTile), Error);
+  EXPECT_THROW((void)Publish(folder / "file" / "b", Content(), GivenTile), Error);
+  EXPECT_THROW((void)Publish(folder / "file", Content(), GivenTile), Error);
   EXPECT_EQ(ReadText(folder / "file"), "x");
 }
 
 // The corruption tests over the builder's own bytes; every region in tests/common/map.
-TEST(WriteBundle, FlippedTruncatedAndMissingPartsDoNotOpen) {
+TEST(PublishParts, FlippedTruncatedAndMissingPartsDoNotOpen) {
   const TempFolder folder;
-  const Manifest manifest = WriteBundle(folder / "b", Content(), GivenTile);
+  const Manifest manifest = Publish(folder / "b", Content(), GivenTile);
   Rng rng(1, "tests/corrupt");
   for (const BundlePart& part : manifest.parts) {
     const fs::path path = folder / "b" / part.path;

@@ -10,7 +10,7 @@
 namespace panofix {
 namespace {
 
-constexpr std::uint32_t kPanoramas = 25, kViewsPerPanorama = 4;
+constexpr std::uint32_t kViewsPerPanorama = 4;
 
 struct World {
   std::vector<BagOfWords> bags;
@@ -18,12 +18,12 @@ struct World {
   std::vector<std::vector<std::uint32_t>> neighbourhoods;
 };
 
-// Random bags; panoramas in a row see those up to three away.
-World MakeWorld() {
+// Random bags; panoramas in a row see those up to `reach` away.
+World MakeWorld(std::uint32_t num_panoramas = 25, std::uint32_t reach = 3) {
   Rng rng(1, "tests/similarity");
   const Vocabulary vocabulary = RandomVocabulary(&rng);
   World world;
-  for (std::uint32_t p = 0; p < kPanoramas; ++p) {
+  for (std::uint32_t p = 0; p < num_panoramas; ++p) {
     for (std::uint32_t v = 0; v < kViewsPerPanorama; ++v) {
       std::vector<std::uint32_t> words;
       for (int i = 0; i < 8; ++i) words.push_back(static_cast<std::uint32_t>(rng.Below(36)));
@@ -31,8 +31,8 @@ World MakeWorld() {
       world.panorama_of_view.push_back(p);
     }
     auto& near = world.neighbourhoods.emplace_back();
-    for (std::uint32_t q = 0; q < kPanoramas; ++q) {
-      if (std::max(p, q) - std::min(p, q) <= 3) near.push_back(q);
+    for (std::uint32_t q = 0; q < num_panoramas; ++q) {
+      if (std::max(p, q) - std::min(p, q) <= reach) near.push_back(q);
     }
   }
   world.bags[30] = world.bags[31];  // equals
@@ -47,32 +47,41 @@ SimilarityIndex Build(const World& world, int num_similar) {
                         world.bags.size());
 }
 
-TEST(SimilarityRows, AgreesWithBruteForce) {
-  const World world = MakeWorld();
-  for (const int num_similar : {1, 7, 1000}) {
-    const SimilarityIndex index = Build(world, num_similar);
-    ASSERT_EQ(index.offsets.size(), world.bags.size() + 1);
-    ASSERT_EQ(index.views.size(), index.offsets.back());
-    ASSERT_EQ(index.similarity.size(), index.views.size());
-    for (std::uint32_t v = 0; v < world.bags.size(); ++v) {
-      std::vector<std::uint32_t> expected;
-      for (std::uint32_t u = 0; u < world.bags.size(); ++u) {
-        const auto& near = world.neighbourhoods[world.panorama_of_view[v]];
-        if (u != v && std::count(near.begin(), near.end(), world.panorama_of_view[u]) > 0)
-          expected.push_back(u);
-      }
-      std::stable_sort(expected.begin(), expected.end(), [&](std::uint32_t a, std::uint32_t b) {
-        return Similarity(world.bags[v], world.bags[a]) > Similarity(world.bags[v], world.bags[b]);
-      });
-      expected.resize(std::min(expected.size(), static_cast<std::size_t>(num_similar)));
-      ASSERT_EQ(index.offsets[v + 1] - index.offsets[v], expected.size());
-      for (std::size_t k = 0; k < expected.size(); ++k) {
-        const std::size_t at = index.offsets[v] + k;
-        ASSERT_EQ(index.views[at], expected[k]) << "row " << v;
-        ASSERT_EQ(index.similarity[at], Similarity(world.bags[v], world.bags[expected[k]]));
-      }
+// Every row against all views compared one by one.
+void ExpectBruteForce(const World& world, int num_similar) {
+  const SimilarityIndex index = Build(world, num_similar);
+  ASSERT_EQ(index.offsets.size(), world.bags.size() + 1);
+  ASSERT_EQ(index.views.size(), index.offsets.back());
+  ASSERT_EQ(index.similarity.size(), index.views.size());
+  for (std::uint32_t v = 0; v < world.bags.size(); ++v) {
+    const auto& near = world.neighbourhoods[world.panorama_of_view[v]];
+    std::vector<bool> is_near(world.neighbourhoods.size());
+    for (const std::uint32_t p : near) is_near[p] = true;
+    std::vector<std::pair<float, std::uint32_t>> expected;
+    for (std::uint32_t u = 0; u < world.bags.size(); ++u) {
+      if (u != v && is_near[world.panorama_of_view[u]])
+        expected.emplace_back(-Similarity(world.bags[v], world.bags[u]), u);
+    }
+    std::sort(expected.begin(), expected.end());
+    expected.resize(std::min(expected.size(), static_cast<std::size_t>(num_similar)));
+    ASSERT_EQ(index.offsets[v + 1] - index.offsets[v], expected.size());
+    for (std::size_t k = 0; k < expected.size(); ++k) {
+      const std::size_t at = index.offsets[v] + k;
+      ASSERT_EQ(index.views[at], expected[k].second) << "row " << v;
+      ASSERT_EQ(index.similarity[at], -expected[k].first);
     }
   }
+}
+
+TEST(SimilarityRows, AgreesWithBruteForce) {
+  const World world = MakeWorld();
+  for (const int num_similar : {1, 7, 1000}) ExpectBruteForce(world, num_similar);
+}
+
+// A street of 2000 views, and as many that all see each other.
+TEST(SimilarityRows, AgreesWithBruteForceOnAStreet) {
+  ExpectBruteForce(MakeWorld(500, 3), 32);
+  ExpectBruteForce(MakeWorld(500, 500), 32);
 }
 
 TEST(SimilarityRows, DoesNotDependOnThreads) {

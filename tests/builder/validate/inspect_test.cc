@@ -69,7 +69,7 @@ TEST(BundleBytes, IsTheSizeOfAllFiles) {
 TEST(InspectJson, HoldsTheManifestAndWhatItDoesNotSay) {
   const TempFolder folder;
   const auto bundle = Opened(folder);
-  const auto json = nlohmann::json::parse(InspectJson(*bundle));
+  const auto json = nlohmann::json::parse(InspectJson(*bundle, {}));
   EXPECT_EQ(json["id"], bundle->id());
   EXPECT_EQ(json["manifest"]["name"], "small");
   EXPECT_EQ(json["coverage"]["panoramas_with_depth"], 3);
@@ -84,10 +84,10 @@ TEST(InspectJson, HoldsTheManifestAndWhatItDoesNotSay) {
 TEST(InspectText, NamesEveryPart) {
   const TempFolder folder;
   const auto bundle = Opened(folder);
-  const std::string text = InspectText(*bundle);
-  for (const char* word :
-       {"small", "graph.h5", "vocabulary.h5", "tiles/0.h5", "tiles/1.h5", "not stated",
-        "4 (3 with depth, 0 set aside)", "30 m of route", "4 SIFT, 2 MSER"}) {
+  const std::string text = InspectText(*bundle, {});
+  for (const char* word : {"small", "graph.h5", "vocabulary.h5", "tiles/0.h5", "tiles/1.h5",
+                           "not stated", "4 (3 with depth, 0 set aside)", "30 m of route",
+                           "4 SIFT, 2 MSER", "unsigned", "panofix 0.1.0 and later"}) {
     EXPECT_NE(text.find(word), std::string::npos) << word << "\n" << text;
   }
   EXPECT_NE(text.find(bundle->id()), std::string::npos);
@@ -101,8 +101,8 @@ TEST(InspectText, AMapOfOnePlaceHasNoLength) {
     for (std::size_t p = 0; p < 4; ++p) b->positions[3 * p + 1] = 0;
   });
   EXPECT_EQ(RouteLength_m(*bundle), 0.0);
-  EXPECT_NE(InspectText(*bundle).find("0.0 MB per km"), std::string::npos);
-  EXPECT_EQ(nlohmann::json::parse(InspectJson(*bundle))["mb_per_km"], 0.0);
+  EXPECT_NE(InspectText(*bundle, {}).find("0.0 MB per km"), std::string::npos);
+  EXPECT_EQ(nlohmann::json::parse(InspectJson(*bundle, {}))["mb_per_km"], 0.0);
 }
 
 }  // namespace

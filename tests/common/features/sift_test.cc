@@ -53,6 +53,32 @@ TEST(ExtractSift, FindsBlobsWhereTheyAre) {
   EXPECT_LE(mean.norm(), 0.02);
 }
 
+// The same places from half the picture, where nothing small is found.
+TEST(ExtractCoarseSift, FindsLargeBlobsWhereTheyAre) {
+  Rng rng(2, "tests/blobs");
+  std::vector<Blob> blobs;
+  for (int row = 0; row < 4; ++row) {
+    for (int column = 0; column < 6; ++column) {
+      blobs.push_back({60.0 + 100 * column + rng.Uniform(-0.5, 0.5),
+                       60.0 + 100 * row + rng.Uniform(-0.5, 0.5), 6,
+                       row % 2 == 0 ? 100.0 : -100.0});
+    }
+  }
+  const GrayImage image = BlobImage(661, 479, blobs);  // odd: halves are not exact
+  const FeatureSet found = ExtractCoarseSift(image, {});
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  for (const Blob& blob : blobs) {
+    const Eigen::Vector2d offset = NearestOffset(found, blob);
+    EXPECT_LE(offset.norm(), 2 * kCentre_px) << blob.x_px << " " << blob.y_px;
+    mean += offset / static_cast<double>(blobs.size());
+  }
+  EXPECT_LE(mean.norm(), 0.06);
+  for (const Keypoint& k : found.keypoints) EXPECT_GE(k.size_px, 0.85 * kSmallestCoarseRegion_px);
+  // The size is the one that the full picture shows.
+  EXPECT_NEAR(found.keypoints[0].size_px / ExtractSift(image, {}).keypoints[0].size_px, 1, 0.1);
+  EXPECT_EQ(ExtractCoarseSift(GrayImage{1, 1, {0}}, {}).size(), 0U);
+}
+
 // An image and its mirror image show the same centres: a shift of either sign breaks this.
 TEST(ExtractSift, MirroringMirrorsTheCentres) {
   const std::vector<Blob> blobs{

@@ -26,9 +26,10 @@ std::string FaultOf(const std::string& preset, const std::vector<std::string>& a
 TEST(ResolveLevers, PresetsAreTheEndsOfTheLadder) {
   const Levers paper = ResolveLevers("paper", {}), all = ResolveLevers("default", {});
   EXPECT_FALSE(paper.mutual || paper.ranked || paper.pooled || paper.sigmas || paper.gates ||
-               paper.votes || paper.guided || paper.tracking || paper.bridging || paper.exhaustive);
+               paper.votes || paper.guided || paper.tracking || paper.bridging || paper.coarse ||
+               paper.exhaustive);
   EXPECT_TRUE(all.mutual && all.ranked && all.pooled && all.sigmas && all.gates && all.votes &&
-              all.guided && all.tracking && all.bridging);
+              all.guided && all.tracking && all.bridging && all.coarse);
   EXPECT_FALSE(all.exhaustive);
 }
 
@@ -51,10 +52,11 @@ TEST(ResolveLevers, FaultsNameTheLever) {
 
 TEST(LeverHelp, NamesEveryLever) {
   for (const char* name : {"mutual", "ranked", "pooled", "sigmas", "gates", "votes", "guided",
-                           "tracking", "bridging", "exhaustive"}) {
+                           "tracking", "bridging", "coarse", "exhaustive"}) {
     EXPECT_THAT(LeverHelp(), HasSubstr(std::string("  ") + name + ": "));
     if (std::string(name) == "guided" || std::string(name) == "tracking" ||
-        std::string(name) == "bridging" || std::string(name) == "gates") {
+        std::string(name) == "bridging" || std::string(name) == "coarse" ||
+        std::string(name) == "gates") {
       continue;  // stand on others
     }
     EXPECT_EQ(FaultOf("paper", {name}), "");

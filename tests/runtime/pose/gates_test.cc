@@ -47,6 +47,21 @@ TEST(FailedGate, EachFigureHasItsGate) {
   EXPECT_EQ(GateOf([](PoseOutcome* p) { p->chi2_per_dof = 100; }), "residuals_too_large");
 }
 
+TEST(IsSure, EachDoubtAsksForTheWholeFrame) {
+  const PoseOptions o;
+  const auto is_sure = [&](const std::function<void(PoseOutcome*)>& change) {
+    PoseOutcome outcome = Sound();
+    change(&outcome);
+    return IsSure(outcome, o);
+  };
+  EXPECT_TRUE(is_sure([](PoseOutcome*) {}));
+  EXPECT_FALSE(is_sure([](PoseOutcome* p) { p->trusted = false; }));
+  EXPECT_FALSE(is_sure([](PoseOutcome* p) { p->degraded = true; }));
+  EXPECT_FALSE(is_sure([&](PoseOutcome* p) { p->num_inliers = o.coarse_inliers - 1; }));
+  EXPECT_FALSE(is_sure([&](PoseOutcome* p) { p->over_chance = 0.9 * o.coarse_over_chance; }));
+  EXPECT_FALSE(is_sure([](PoseOutcome* p) { p->covariance *= 1e4; }));
+}
+
 // Brick finds itself in decoy windows too: plenty of landmarks make up for it, few do not.
 TEST(FailedGate, PlentyOfLandmarksOutweighsChance) {
   const PoseOptions o;
