@@ -116,7 +116,7 @@ TEST_F(Soak, AtTwiceTheRateNothingGrowsAndAReplayAgrees) {
   const double duration_s = std::atof(wanted) / (2 * rate_hz);
   Process serve(Serve({"--record", recording_.string()}));
   Process play(Play(2 * rate_hz));
-  Sleep(kWarmUp_s + 0.1 * duration_s);
+  Sleep(kWarmUp_s + 0.2 * duration_s);  // the live page's trail fills up
   const Metrics first;
   double most_under_way = 0;
   for (double t = 0; t < duration_s; t += kSample_s) {
