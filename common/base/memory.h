@@ -10,4 +10,10 @@ namespace panofix {
 // Resident set now, bytes; 0 where the system does not tell.
 [[nodiscard]] std::uint64_t ResidentMemoryBytes();
 
+// Of these, what is not shared memory: 0 where the system does not tell.
+[[nodiscard]] std::uint64_t PrivateMemoryBytes();
+
+// Gives the system back what the allocator keeps of freed memory. Costs milliseconds.
+void ReturnFreedMemory();
+
 }  // namespace panofix

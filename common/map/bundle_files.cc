@@ -8,6 +8,7 @@
 
 #include "common/base/log.h"
 #include "common/io/read_file.h"
+#include "common/io/sealed_copy.h"
 #include "common/io/sha256.h"
 #include "common/map/map_arrays.h"
 
@@ -117,6 +118,28 @@ Result<UniqueFd> OpenPart(const fs::path& folder, const BundlePart& part) {
                          static_cast<unsigned long long>(part.num_bytes), kMend));
   }
   return fd;
+}
+
+Result<UniqueFd> CopyVerifiedPart(int fd, const BundlePart& part, const std::string& name) {
+  auto copy = CopyToMemory(fd, part.num_bytes, name);
+  if (!copy.ok()) return copy.status();
+  if (copy->sha256 != part.sha256) {
+    return Status(ErrorCode::kChecksumMismatch,
+                  name + ": its SHA-256 is not the manifest's" + kMend);
+  }
+  return std::move(copy->fd);
+}
+
+Result<std::vector<UniqueFd>> OpenParts(const fs::path& folder,
+                                        const std::vector<BundlePart>& parts) {
+  AllowOpenFiles(parts.size());
+  std::vector<UniqueFd> descriptors;
+  for (const BundlePart& part : parts) {
+    auto fd = OpenPart(folder, part);
+    if (!fd.ok()) return fd.status();
+    descriptors.push_back(std::move(*fd));
+  }
+  return descriptors;
 }
 
 Result<VerifiedBundle> VerifyBundle(const fs::path& folder, const KeyRing& ring) {

@@ -57,4 +57,13 @@ struct VerifiedBundle {
 [[nodiscard]] Result<UniqueFd> OpenPart(const std::filesystem::path& folder,
                                         const BundlePart& part);
 
+// The part's bytes in memory of our own, compared with its SHA-256 (kChecksumMismatch).
+[[nodiscard]] Result<UniqueFd> CopyVerifiedPart(int fd, const BundlePart& part,
+                                                const std::string& name);
+
+// All parts of a manifest, open, their sizes checked and their bytes not yet looked at; see
+// OpenPart. Raises this process's own limit of open files as needed.
+[[nodiscard]] Result<std::vector<UniqueFd>> OpenParts(const std::filesystem::path& folder,
+                                                      const std::vector<BundlePart>& parts);
+
 }  // namespace panofix

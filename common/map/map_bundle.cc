@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/image/gray_image.h"
+#include "common/io/sha256.h"
 #include "common/map/landmark_codes.h"
 #include "common/map/map_arrays.h"
 #include "common/map/vocabulary_file.h"
@@ -21,55 +23,79 @@ Result<Manifest> MapBundle::ReadManifest(const std::filesystem::path& folder, st
 }
 
 Result<std::shared_ptr<const MapBundle>> MapBundle::Open(const std::filesystem::path& folder,
-                                                         const KeyRing& trusted_keys) {
-  auto verified = VerifyBundle(folder, trusted_keys);
-  if (!verified.ok()) return verified.status();
-  return Load(std::move(*verified), folder);
-}
-
-Result<std::shared_ptr<const MapBundle>> MapBundle::Load(VerifiedBundle verified,
-                                                         const std::filesystem::path& folder) {
-  std::shared_ptr<MapBundle> bundle(new MapBundle(std::move(verified.manifest.manifest)));
-  bundle->id_ = verified.manifest.id;
-  bundle->release_ = std::move(verified.manifest.release);
-  // The graph first (it names the panoramas), the vocabulary next, then the tiles.
-  std::vector<VerifiedPart>& parts = verified.parts;
-  const auto rank = [](const VerifiedPart& p) {
-    return p.part.path == "graph.h5" ? 0 : p.part.path == "vocabulary.h5" ? 1 : 2;
-  };
-  std::stable_sort(parts.begin(), parts.end(),
-                   [&](const VerifiedPart& a, const VerifiedPart& b) { return rank(a) < rank(b); });
-  if (parts.size() < 2 || rank(parts[0]) != 0 || rank(parts[1]) != 1) {
-    return Bad(folder.string() + ": graph.h5 or vocabulary.h5 is not in the manifest");
-  }
-  for (VerifiedPart& part : parts) {
-    const std::string name = (folder / part.part.path).string();
-    const Status status = bundle->LoadPart(part.part, part.fd.get(), name);
-    part.fd.Reset();
-    // An array that is not there is the bundle's fault, not the caller's.
-    const ErrorCode code =
-        status.code() == ErrorCode::kNotFound ? ErrorCode::kBadData : status.code();
-    if (!status.ok()) return Status(code, name + ": " + status.message());
-  }
-  for (const Slot& slot : bundle->slot_of_view_) {
-    if (slot.tile == ~0U) return Bad(folder.string() + ": a panorama of graph.h5 is in no tile");
-  }
-  if (bundle->has_view_images() && bundle->images_.num_panoramas() != bundle->panoramas_.size()) {
-    return Bad(folder.string() + ": images of some panoramas are there, of others not");
-  }
+                                                         const KeyRing& trusted_keys,
+                                                         std::uint64_t max_tile_bytes) {
+  auto manifest = ReadSignedManifest(folder, trusted_keys);
+  if (!manifest.ok()) return manifest.status();
+  std::shared_ptr<MapBundle> bundle(new MapBundle(std::move(manifest->manifest)));
+  bundle->id_ = manifest->id;
+  bundle->release_ = std::move(manifest->release);
+  if (Status status = bundle->Load(folder, max_tile_bytes); !status.ok()) return status;
   return std::shared_ptr<const MapBundle>(std::move(bundle));
 }
 
-Status MapBundle::LoadPart(const BundlePart& part, int fd, const std::string& name) {
-  const bool is_tile = part.path.starts_with("tiles/");
-  const bool is_images = part.path.starts_with("images/");
+Status MapBundle::Load(const std::filesystem::path& folder, std::uint64_t max_tile_bytes) {
+  // The graph first (it names the panoramas), the vocabulary next, then the tiles.
+  std::vector<BundlePart> parts = manifest_.parts;
+  const auto rank = [](const BundlePart& p) {
+    return p.path == "graph.h5" ? 0 : p.path == "vocabulary.h5" ? 1 : 2;
+  };
+  std::stable_sort(parts.begin(), parts.end(),
+                   [&](const BundlePart& a, const BundlePart& b) { return rank(a) < rank(b); });
+  if (parts.size() < 2 || rank(parts[0]) != 0 || rank(parts[1]) != 1)
+    return Bad(folder.string() + ": graph.h5 or vocabulary.h5 is not in the manifest");
+  auto descriptors = OpenParts(folder, parts);
+  if (!descriptors.ok()) return descriptors.status();
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    if (CancelRequested()) return {ErrorCode::kCancelled, folder.string() + ": interrupted"};
+    const std::string name = (folder / parts[i].path).string();
+    const Status status = LoadPart(parts[i], std::move((*descriptors)[i]), name);
+    // An array that is not there is the bundle's fault, not the caller's.
+    const ErrorCode code =
+        status.code() == ErrorCode::kNotFound ? ErrorCode::kBadData : status.code();
+    if (status.code() == ErrorCode::kChecksumMismatch) return status;
+    if (!status.ok()) return {code, name + ": " + status.message()};
+    if (max_tile_bytes > 0 && tiles_.num_loaded_bytes() > max_tile_bytes)
+      tiles_.Drop(tiles_.size() - 1);
+  }
+  for (const Slot& slot : slot_of_view_) {
+    if (slot.tile == ~0U) return Bad(folder.string() + ": a panorama of graph.h5 is in no tile");
+  }
+  if (has_view_images() && images_.num_panoramas() != panoramas_.size())
+    return Bad(folder.string() + ": images of some panoramas are there, of others not");
+  return {};
+}
+
+Status MapBundle::LoadPart(const BundlePart& part, UniqueFd fd, const std::string& name) {
+  if (part.path.starts_with("tiles/")) {
+    const TileCache::Parse parse = [this](int copy, const std::string& n) -> Result<MapTile> {
+      auto file = Hdf5Reader::Open(copy, n);
+      if (!file.ok()) return file.status();
+      return MapTile::Load(*file, index_of_panorama_, vocabulary_.num_words());
+    };
+    const Status status = tiles_.Add(part, std::move(fd), name, parse);
+    return status.ok() ? PlaceTile() : status;
+  }
+  if (part.path.starts_with("images/")) return LoadImages(part, fd.get(), name);
+  const auto copy = CopyVerifiedPart(fd.get(), part, name);
+  if (!copy.ok()) return copy.status();
   // Parts of later minor versions are verified and left alone, whatever their format.
-  if (part.path != "graph.h5" && part.path != "vocabulary.h5" && !is_tile && !is_images) return {};
+  if (part.path != "graph.h5" && part.path != "vocabulary.h5") return {};
+  auto file = Hdf5Reader::Open(copy->get(), name);
+  if (!file.ok()) return file.status();
+  return part.path == "graph.h5" ? LoadGraph(*file) : LoadVocabulary(*file);
+}
+
+// Pictures stay in their files: they are large and rarely looked at.
+Status MapBundle::LoadImages(const BundlePart& part, int fd, const std::string& name) {
+  const auto hash = Sha256OfDescriptor(fd, name);
+  if (!hash.ok()) return hash.status();
+  if (*hash != part.sha256) {
+    return {ErrorCode::kChecksumMismatch, name + ": its SHA-256 is not the manifest's" + kMend};
+  }
   auto file = Hdf5Reader::Open(fd, name);
   if (!file.ok()) return file.status();
-  if (is_tile) return LoadTile(*file);
-  if (is_images) return images_.Load(*file, index_of_panorama_, views_per_station());
-  return part.path == "graph.h5" ? LoadGraph(*file) : LoadVocabulary(*file);
+  return images_.Load(*file, index_of_panorama_, views_per_station());
 }
 
 Status MapBundle::LoadVocabulary(const Hdf5Reader& file) {
@@ -172,33 +198,31 @@ Status MapBundle::LoadGraph(const Hdf5Reader& file) {
   similar_offsets_ = std::move(offsets);
   similar_views_ = std::move(similar);
   slot_of_view_.assign(views_.size(), {});
-  bags_.resize(views_.size());
   for (std::uint32_t i = 0; i < panoramas_.size(); ++i) index_of_panorama_[panoramas_[i].id] = i;
   return {};
 }
 
-Status MapBundle::LoadTile(const Hdf5Reader& file) {
-  auto loaded = MapTile::Load(file, index_of_panorama_, vocabulary_.num_words());
-  if (!loaded.ok()) return loaded.status();
-  MapTile tile = std::move(loaded).value();
-  std::uint32_t slot = 0;
+Status MapBundle::PlaceTile() {
+  const auto tile_idx = static_cast<std::uint32_t>(tiles_.size() - 1);
+  const MapTile& tile = tiles_.Get(tile_idx);
+  std::vector<std::uint32_t>& views = views_of_tile_.emplace_back();
   for (const std::uint32_t panorama : tile.panoramas()) {
     const std::uint32_t begin = first_station(panorama) * views_per_station();
     const std::uint32_t end = first_station(panorama + 1) * views_per_station();
     if (slot_of_view_[begin].tile != ~0U)
       return Bad("panorama " + panoramas_[panorama].id + " is in two tiles");
-    if (slot + (end - begin) > tile.num_views()) return Bad("views disagree with the stations");
-    for (std::uint32_t view = begin; view < end; ++view, ++slot) {
-      slot_of_view_[view] = {static_cast<std::uint32_t>(tiles_.size()), slot};
-      bags_[view] = tile.Bag(slot);
+    if (views.size() + (end - begin) > tile.num_views())
+      return Bad("views disagree with the stations");
+    for (std::uint32_t view = begin; view < end; ++view) {
+      slot_of_view_[view] = {tile_idx, static_cast<std::uint32_t>(views.size())};
+      views.push_back(view);
     }
   }
-  if (slot != tile.num_views()) return Bad("views disagree with the stations");
+  if (views.size() != tile.num_views()) return Bad("views disagree with the stations");
   if (tile.num_landmarks() > ~std::uint32_t{0} - first_landmark_.back())
     return Bad("more landmarks than have a number");
   first_landmark_.push_back(first_landmark_.back() +
                             static_cast<std::uint32_t>(tile.num_landmarks()));
-  tiles_.push_back(std::move(tile));
   return {};
 }
 
@@ -206,7 +230,12 @@ Status MapBundle::LoadTile(const Hdf5Reader& file) {
 
 MapBundle::LandmarkList MapBundle::LandmarksOf(std::size_t view_idx) const {
   const Slot& slot = slot_of_view_.at(view_idx);
-  return {first_landmark_[slot.tile], tiles_[slot.tile].LandmarksOf(slot.slot)};
+  return {first_landmark_[slot.tile], tiles_.Get(slot.tile).LandmarksOf(slot.slot)};
+}
+
+BagOfWords MapBundle::BagOf(std::size_t view_idx) const {
+  const Slot& slot = slot_of_view_.at(view_idx);
+  return tiles_.Get(slot.tile).Bag(slot.slot);
 }
 
 std::size_t MapBundle::TileOf(std::uint32_t landmark_id) const {
@@ -216,16 +245,16 @@ std::size_t MapBundle::TileOf(std::uint32_t landmark_id) const {
 
 MapLandmark MapBundle::Landmark(std::uint32_t landmark_id) const {
   const std::size_t tile = TileOf(landmark_id);
-  return tiles_[tile].Landmark(landmark_id - first_landmark_[tile]);
+  return tiles_.Get(tile).Landmark(landmark_id - first_landmark_[tile]);
 }
 
 void MapBundle::Descriptor(std::uint32_t landmark_id, std::uint8_t* descriptor) const {
   const std::size_t tile = TileOf(landmark_id);
-  tiles_[tile].Descriptor(landmark_id - first_landmark_[tile], descriptor);
+  tiles_.Get(tile).Descriptor(landmark_id - first_landmark_[tile], descriptor);
 }
 
 MapSurface MapBundle::SurfaceOf(std::uint32_t landmark_id, const MapLandmark& landmark) const {
-  return tiles_[TileOf(landmark_id)].Surface(landmark.panorama_idx, landmark.surface_idx);
+  return tiles_.Get(TileOf(landmark_id)).Surface(landmark.panorama_idx, landmark.surface_idx);
 }
 
 Result<GrayImage> MapBundle::ViewImage(std::uint32_t view_idx) const {

@@ -16,6 +16,7 @@
 #include "common/map/local_frame.h"
 #include "common/map/manifest.h"
 #include "common/map/map_tile.h"
+#include "common/map/tile_cache.h"
 #include "common/map/view_images.h"
 #include "common/vocabulary/vocabulary.h"
 
@@ -45,11 +46,13 @@ struct MapView {
 class MapBundle {
  public:
   // Reads the manifest, verifies its signature where keys are given (else the map counts as
-  // unsigned), checks hash and version, then size and SHA-256 of every part on the very descriptors
-  // that are mapped, and only then opens HDF5. Never writes. Any index that points outside its
-  // array is kBadData.
+  // unsigned), checks hash and version, and the sizes of all parts; then part by part: its bytes go
+  // into memory of our own, are compared with their SHA-256, and only then HDF5 sees them. Never
+  // writes. Any index that points outside its array is kBadData. Where `max_tile_bytes` is not 0,
+  // tiles beyond so many are dropped again once they were checked.
   [[nodiscard]] static Result<std::shared_ptr<const MapBundle>> Open(
-      const std::filesystem::path& folder, const KeyRing& trusted_keys = {});
+      const std::filesystem::path& folder, const KeyRing& trusted_keys = {},
+      std::uint64_t max_tile_bytes = 0);
   // The manifest alone, hash and version checked, its signature not.
   [[nodiscard]] static Result<Manifest> ReadManifest(const std::filesystem::path& folder,
                                                      std::string* id);
@@ -71,7 +74,21 @@ class MapBundle {
   [[nodiscard]] std::uint32_t views_per_station() const {
     return static_cast<std::uint32_t>(views_.size() / stations_.size());
   }
-  [[nodiscard]] const std::vector<BagOfWords>& bags() const { return bags_; }  // one a view
+  [[nodiscard]] BagOfWords BagOf(std::size_t view_idx) const;
+
+  // Tiles come into memory as they are asked for, and leave it by Drop alone.
+  [[nodiscard]] const TileCache& tiles() const { return tiles_; }
+  [[nodiscard]] std::size_t TileOfView(std::size_t view_idx) const {
+    return slot_of_view_[view_idx].tile;
+  }
+  // Views of a tile, in its order.
+  [[nodiscard]] const std::vector<std::uint32_t>& ViewsOfTile(std::size_t tile) const {
+    return views_of_tile_[tile];
+  }
+  // Ids of a tile's landmarks: [first, first of the next).
+  [[nodiscard]] std::uint32_t first_landmark(std::size_t tile) const {
+    return first_landmark_[tile];
+  }
 
   // Landmarks that a view shows, as ids of this bundle.
   struct LandmarkList {
@@ -100,14 +117,14 @@ class MapBundle {
  private:
   explicit MapBundle(Manifest manifest)
       : manifest_(std::move(manifest)), frame_(manifest_.map_frame) {}
-  static Result<std::shared_ptr<const MapBundle>> Load(VerifiedBundle verified,
-                                                       const std::filesystem::path& folder);
-  Status LoadPart(const BundlePart& part, int fd, const std::string& name);
+  Status Load(const std::filesystem::path& folder, std::uint64_t max_tile_bytes);
+  Status LoadPart(const BundlePart& part, UniqueFd fd, const std::string& name);
+  Status LoadImages(const BundlePart& part, int fd, const std::string& name);
   Status LoadVocabulary(const Hdf5Reader& file);
   Status LoadGraph(const Hdf5Reader& file);
   Status LoadPanoramas(const Hdf5Reader& file);
   Status LoadStations(const Hdf5Reader& file);
-  Status LoadTile(const Hdf5Reader& file);
+  Status PlaceTile();  // the last of tiles_
   [[nodiscard]] std::size_t TileOf(std::uint32_t landmark_id) const;
 
   Manifest manifest_;
@@ -120,8 +137,8 @@ class MapBundle {
   std::vector<MapStation> stations_;
   std::vector<std::uint32_t> first_station_;
   std::vector<MapView> views_;
-  std::vector<BagOfWords> bags_;
-  std::vector<MapTile> tiles_;
+  TileCache tiles_;
+  std::vector<std::vector<std::uint32_t>> views_of_tile_;
   std::vector<std::uint32_t> first_landmark_{0};  // id of each tile's first, and their number
   struct Slot {
     std::uint32_t tile = ~0U, slot = 0;

@@ -40,6 +40,14 @@ Result<MapTile> MapTile::Load(const Hdf5Reader& file,
   return tile;
 }
 
+MapTile MapTile::Blank(std::size_t num_views) {
+  const auto zeros = std::make_shared<std::vector<std::uint32_t>>(num_views + 1, 0);
+  MapTile tile;
+  tile.view_offsets_ = {*zeros, static_cast<std::int64_t>(zeros->size()), 1, zeros};
+  tile.bag_offsets_ = tile.view_offsets_;
+  return tile;
+}
+
 Status MapTile::LoadLandmarks(const Hdf5Reader& file) {
   PANOFIX_READ(anchor_offsets, file, std::uint32_t, "anchors/landmark_offsets", 1);
   PANOFIX_READ(points, file, float, "landmarks/points_in_pano", 3);
@@ -111,6 +119,7 @@ Status MapTile::LoadBags(const Hdf5Reader& file, std::uint32_t num_words) {
 }
 
 MapLandmark MapTile::Landmark(std::size_t i) const {
+  if (i >= num_landmarks()) return {};
   const float* point = &points_.values[3 * i];
   const std::uint8_t* code = &codes_.values[kNumCodes * i];
   MapLandmark landmark;
@@ -126,7 +135,9 @@ MapLandmark MapTile::Landmark(std::size_t i) const {
 }
 
 void MapTile::Descriptor(std::size_t i, std::uint8_t* descriptor) const {
-  if (is_packed_) {
+  if (i >= num_landmarks()) {
+    std::fill_n(descriptor, kDescriptorSize, std::uint8_t{0});
+  } else if (is_packed_) {
     UnpackDescriptor(&descriptors_.values[kPackedDescriptorSize * i], descriptor);
   } else {
     std::copy_n(&descriptors_.values[kDescriptorSize * i], kDescriptorSize, descriptor);

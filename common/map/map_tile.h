@@ -42,6 +42,9 @@ class MapTile {
       const Hdf5Reader& file, const std::unordered_map<std::string, std::uint32_t>& panorama_idx,
       std::uint32_t num_words);
 
+  // Stands for a tile that is lost: views without landmarks or words.
+  [[nodiscard]] static MapTile Blank(std::size_t num_views);
+
   // Panoramas whose stations' views are here, in the tile's order.
   [[nodiscard]] const std::vector<std::uint32_t>& panoramas() const { return panoramas_; }
   [[nodiscard]] std::size_t num_views() const { return view_offsets_.values.size() - 1; }
@@ -51,6 +54,8 @@ class MapTile {
     return view_landmarks_.values.subspan(
         view_offsets_.values[slot], view_offsets_.values[slot + 1] - view_offsets_.values[slot]);
   }
+  // Of a number beyond the landmarks (a tile that was lost on the way): one at the anchor's centre,
+  // and zeros.
   [[nodiscard]] MapLandmark Landmark(std::size_t i) const;
   void Descriptor(std::size_t i, std::uint8_t* descriptor) const;  // 128 bytes
   [[nodiscard]] BagOfWords Bag(std::size_t slot) const;

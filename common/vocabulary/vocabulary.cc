@@ -169,18 +169,24 @@ std::vector<float> InverseDocumentFrequency(std::span<const std::uint32_t> views
   return idf;
 }
 
-InvertedIndex::InvertedIndex(std::span<const BagOfWords> bags, std::uint32_t num_words)
-    : num_views_(bags.size()), offsets_(num_words + 1, 0) {
+InvertedIndex::InvertedIndex(std::span<const BagOfWords> bags) : num_views_(bags.size()) {
   for (const BagOfWords& bag : bags) {
-    for (const WeightedWord& entry : bag) ++offsets_[entry.word + 1];
+    for (const WeightedWord& entry : bag) words_.push_back(entry.word);
   }
-  for (std::size_t i = 1; i < offsets_.size(); ++i) offsets_[i] += offsets_[i - 1];
-  views_.resize(offsets_.back());
-  weights_.resize(offsets_.back());
-  std::vector<std::uint32_t> next(offsets_.begin(), offsets_.end() - 1);
+  views_.resize(words_.size());
+  weights_.resize(words_.size());
+  std::sort(words_.begin(), words_.end());
+  std::vector<std::uint32_t> unique;
+  for (std::uint32_t i = 0; i < words_.size(); ++i) {
+    if (i == 0 || words_[i] != words_[i - 1]) unique.push_back(words_[i]), offsets_.push_back(i);
+  }
+  words_ = std::move(unique);
+  std::vector<std::uint32_t> next = offsets_;
+  offsets_.push_back(static_cast<std::uint32_t>(views_.size()));
   for (std::size_t view = 0; view < bags.size(); ++view) {
     for (const WeightedWord& entry : bags[view]) {
-      const std::uint32_t slot = next[entry.word]++;
+      const auto row = std::lower_bound(words_.begin(), words_.end(), entry.word) - words_.begin();
+      const std::uint32_t slot = next[static_cast<std::size_t>(row)]++;
       views_[slot] = static_cast<std::uint32_t>(view);
       weights_[slot] = entry.weight;
     }
@@ -189,13 +195,21 @@ InvertedIndex::InvertedIndex(std::span<const BagOfWords> bags, std::uint32_t num
 
 std::vector<float> InvertedIndex::Score(const BagOfWords& query) const {
   std::vector<float> scores(num_views_, 0.0F);
+  auto from = words_.begin();  // both are sorted
   for (const WeightedWord& entry : query) {
-    if (std::size_t{entry.word} + 1 >= offsets_.size()) continue;
-    for (std::uint32_t slot = offsets_[entry.word]; slot < offsets_[entry.word + 1]; ++slot) {
+    from = std::lower_bound(from, words_.end(), entry.word);
+    if (from == words_.end()) break;
+    if (*from != entry.word) continue;
+    const auto row = static_cast<std::size_t>(from - words_.begin());
+    for (std::uint32_t slot = offsets_[row]; slot < offsets_[row + 1]; ++slot) {
       scores[views_[slot]] += entry.weight * weights_[slot];
     }
   }
   return scores;
+}
+
+std::size_t InvertedIndex::num_bytes() const {
+  return 4 * (words_.capacity() + offsets_.capacity() + views_.capacity() + weights_.capacity());
 }
 
 }  // namespace panofix

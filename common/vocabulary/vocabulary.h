@@ -58,22 +58,23 @@ struct Vocabulary {
 
 // Inverse document frequency ln(N / N_i) of each word from the number of views that show it, 0 for
 // words that none does.
-[[nodiscard]] std::vector<float> InverseDocumentFrequency(
-    std::span<const std::uint32_t> views_with, std::uint64_t num_views);
+[[nodiscard]] std::vector<float> InverseDocumentFrequency(std::span<const std::uint32_t> views_with,
+                                                          std::uint64_t num_views);
 
 // Views by word. Scores a query against all views, or against chosen ones only.
 class InvertedIndex {
  public:
   InvertedIndex() = default;
-  // bags[i] belongs to view i.
-  InvertedIndex(std::span<const BagOfWords> bags, std::uint32_t num_words);
+  // bags[i] belongs to view i. Takes memory for the words that are there, not for all that may be.
+  explicit InvertedIndex(std::span<const BagOfWords> bags);
   [[nodiscard]] std::size_t num_views() const { return num_views_; }
   // Cosine similarity to every view.
   [[nodiscard]] std::vector<float> Score(const BagOfWords& query) const;
+  [[nodiscard]] std::size_t num_bytes() const;
 
  private:
   std::size_t num_views_ = 0;
-  std::vector<std::uint32_t> offsets_;
+  std::vector<std::uint32_t> words_, offsets_;  // words ascending, the rows of each
   std::vector<std::uint32_t> views_;
   std::vector<float> weights_;
 };

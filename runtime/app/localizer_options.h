@@ -12,7 +12,7 @@ class App;
 
 namespace panofix {
 
-// --preset, --add, --threads, --seed.
+// --preset, --add, --threads, --memory-mb, --seed.
 void AddLocalizerOptions(CLI::App* command, LocalizerOptions* options);
 // --trusted-key: files of public keys; ReadKeyRing reads them once the command line is.
 void AddTrustedKeyOption(CLI::App* command, std::vector<std::filesystem::path>* keys);

@@ -30,6 +30,7 @@ class HeldEngine : public FrameEngine {
   const Camera& camera() const override { return engine_->camera(); }
   void Forget() override { engine_->Forget(); }
   MapFacts facts() const override { return engine_->facts(); }
+  TileMemory memory() const override { return engine_->memory(); }
 
  private:
   const VersionHold hold_;
@@ -51,7 +52,8 @@ class StoreSource : public EngineSource {
     while (true) {
       auto engine = OpenVersion(versions_[at_], camera);
       const bool is_last = at_ + 1 == versions_.size();
-      if (engine.ok() || is_chosen_ || is_last) {
+      const bool is_told_to_stop = engine.status().code() == ErrorCode::kCancelled;
+      if (engine.ok() || is_chosen_ || is_last || is_told_to_stop) {
         is_chosen_ = is_chosen_ || engine.ok();
         return engine;
       }

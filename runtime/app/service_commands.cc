@@ -54,6 +54,7 @@ Status RunServe(ServeCommand* o) {
   auto ring = ReadKeyRing(o->keys);
   if (!ring.ok()) return ring.status();
   o->serve.localizer.trusted_keys = *ring;
+  o->serve.localizer.with_sight = o->serve.http_port.has_value();
   o->serve.max_message_bytes = o->max_frame_mb << 20;
   auto poses = BoundSecurity(o->wire);
   if (!poses.ok()) return poses.status();

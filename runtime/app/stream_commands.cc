@@ -85,6 +85,10 @@ Status RunReplay(const ReplayOptions& o) {
   const auto n = [](std::int64_t value) { return static_cast<long long>(value); };
   std::printf("%lld frames, %lld fixes, %lld answers differ from the recorded ones\n",
               n(report->num_frames), n(report->num_fixes), n(report->num_different));
+  if (report->num_not_compared > 0) {
+    LogWarning(Format("%s: lacks frames; the %lld answers after them were not compared",
+                      o.recording.c_str(), n(report->num_not_compared)));
+  }
   if (report->num_different == 0) return {};
   return {ErrorCode::kChecksumMismatch,
           Format("%s: %lld answers differ, the first at %lld; was it recorded by another version "

@@ -17,9 +17,11 @@ void OpenGates(int min_inliers, PoseOptions* options) {
 
 }  // namespace
 
-RetrievalOptions RetrievalOptionsFor(const Levers& levers, const MapBundle& bundle) {
+RetrievalOptions RetrievalOptionsFor(const Levers& levers, const MapBundle& bundle,
+                                     std::uint64_t max_memory_bytes) {
   RetrievalOptions retrieval;
   retrieval.use_landmarks = levers.votes && bundle.manifest().features.root_sift;
+  retrieval.max_memory_bytes = max_memory_bytes;
   return retrieval;
 }
 

@@ -12,7 +12,8 @@
 
 namespace panofix {
 
-[[nodiscard]] RetrievalOptions RetrievalOptionsFor(const Levers& levers, const MapBundle& bundle);
+[[nodiscard]] RetrievalOptions RetrievalOptionsFor(const Levers& levers, const MapBundle& bundle,
+                                                   std::uint64_t max_memory_bytes);
 [[nodiscard]] PaperOptions PaperOptionsFor(const Levers& levers, const Camera& camera,
                                            std::uint64_t seed);
 [[nodiscard]] PoseOptions PoseOptionsFor(const Levers& levers, const MapBundle& bundle,

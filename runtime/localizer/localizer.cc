@@ -8,6 +8,11 @@
 #include "runtime/localizer/localizer_impl.h"
 
 namespace panofix {
+namespace {
+
+constexpr const char* kDeadline = "deadline";
+
+}  // namespace
 
 void LocalizerOptions::Check() const {
   (void)ResolveLevers(preset, add);
@@ -17,7 +22,7 @@ void LocalizerOptions::Check() const {
 
 bool Localizer::Impl::IsLate(FrameResult* result) const {
   if (!time_is_up || !time_is_up()) return false;
-  result->reason = "deadline";
+  result->reason = kDeadline;
   return true;
 }
 
@@ -44,7 +49,9 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
     if (windowed && window.empty()) continue;
     if (IsLate(result)) return;
     const RetrievalResult retrieved =
-        Retrieve({bag, features.sift, features.bearings, camera}, window, result);
+        Retrieve({bag, features.sift, features.bearings, camera, [&] { return IsLate(result); }},
+                 window, result);
+    if (result->reason == kDeadline) return;
     if (retrieved.views.empty()) {
       result->reason = "nothing_similar";
       continue;
@@ -64,7 +71,7 @@ void Localizer::Impl::RunUntracked(const GrayImage& image, const FrameFeatures& 
   const BagOfWords bag = MakeBag(image, features, &result->latency);
   Stopwatch watch;
   const RetrievalResult retrieved = retrieval.InRows(
-      {bag, features.sift, features.bearings, camera}, last_retrieved, levers.ranked);
+      {bag, features.sift, features.bearings, camera, {}}, last_retrieved, levers.ranked);
   result->latency.retrieval_ms = watch.Lap();
   result->num_compared = retrieved.num_compared;
   if (retrieved.views.empty()) {
@@ -95,7 +102,7 @@ Result<std::unique_ptr<Localizer>> Localizer::Open(const std::filesystem::path& 
     options.Check();
     Status status = camera.Check();
     if (!status.ok()) return status;
-    auto map = MapBundle::Open(bundle, options.trusted_keys);
+    auto map = MapBundle::Open(bundle, options.trusted_keys, options.max_memory_bytes / 4);
     if (!map.ok()) return map.status();
     std::unique_ptr<Localizer> localizer(
         new Localizer(std::make_unique<Impl>(std::move(map).value(), camera, options)));
@@ -134,6 +141,7 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
     } else {
       impl_->Advance(timestamp_ns);
       impl_->Run(frame, &result);
+      impl_->FollowTiles(result);
     }
   } catch (const std::exception& error) {
     Log(LogLevel::kError,
@@ -163,12 +171,14 @@ void Localizer::Forget() {
   impl_->past = PastFrames();
   impl_->recent = RecentFrames();
   impl_->last_is_distinct = false;
+  impl_->last_in_map.reset();
   impl_->coarse_pause = 0;
   impl_->places.Reset();
   impl_->last_retrieved.clear();
   impl_->has_last_frame = false;
 }
 
+TileMemory Localizer::memory() const { return impl_->retrieval.memory(); }
 const MapBundle& Localizer::map() const { return *impl_->bundle; }
 const BundleIdentity& Localizer::bundle() const { return impl_->identity; }
 const Camera& Localizer::camera() const { return impl_->camera; }

@@ -26,8 +26,12 @@ struct LocalizerOptions {
   std::vector<std::string> add;    // levers beside the preset's, by name (levers.h)
   int num_threads = 0;             // 0 = all cores
   std::uint64_t seed = 1;          // of the robust search; same frames, same poses
-  KeyRing trusted_keys;            // the bundle must be signed with one; empty = it may be unsigned
-  void Check() const;              // throws std::invalid_argument
+  // What this process may take of memory, kept by dropping tiles that are far away; 0 = no bound.
+  // No pose depends on it, a search in the whole map takes longer.
+  std::uint64_t max_memory_bytes = 0;
+  bool with_sight = false;  // answers come with a FrameSight, for a person to look at
+  KeyRing trusted_keys;     // the bundle must be signed with one; empty = it may be unsigned
+  void Check() const;       // throws std::invalid_argument
 };
 
 struct FramePose {
@@ -40,6 +44,8 @@ struct FramePose {
   Eigen::Matrix<double, 6, 6> covariance_in_map;
 };
 
+struct FrameSight;
+
 struct FrameResult {
   std::int64_t timestamp_ns = 0;
   FixStatus status = FixStatus::kNoFix;
@@ -51,6 +57,9 @@ struct FrameResult {
   std::int64_t num_compared = 0;  // database views that the retrieval looked at
   std::int64_t num_database = 0;  // views in the map
   bool map_is_unsigned = true;    // no signature of the bundle was verified
+  // runtime/localizer/frame_sight.h; absent without a pose, where the map alone did not give it,
+  // and where it was not asked for.
+  std::shared_ptr<const FrameSight> sight;
 };
 
 // What a bundle says of itself, for messages and logs.
@@ -63,6 +72,7 @@ struct BundleIdentity {
 };
 
 class MapBundle;
+struct TileMemory;
 
 // Asked between the steps of a frame, at the same points for the same frames: true ends the work.
 using TimeIsUp = std::function<bool()>;
@@ -92,6 +102,7 @@ class Localizer {
   void Forget();
   [[nodiscard]] const Camera& camera() const;
   [[nodiscard]] const MapBundle& map() const;
+  [[nodiscard]] TileMemory memory() const;  // runtime/retrieval/tile_indices.h
 
  private:
   struct Impl;

@@ -43,7 +43,7 @@ struct Localizer::Impl {
        const LocalizerOptions& localizer_options)
       : bundle(std::move(map)),
         levers(ResolveLevers(localizer_options.preset, localizer_options.add)),
-        retrieval(bundle, RetrievalOptionsFor(levers, *bundle)),
+        retrieval(bundle, RetrievalOptionsFor(levers, *bundle, localizer_options.max_memory_bytes)),
         stations(*bundle),
         places(PlaceGraphOf(*bundle), {}),
         camera(cam),
@@ -101,6 +101,8 @@ struct Localizer::Impl {
   // Keeps a pose for the next frames.
   void Remember(const FrameFeatures& features, const PoseOutcome& outcome, bool is_distinct,
                 const FrameResult* result);
+  // Tiles come and go with the vehicle.
+  void FollowTiles(const FrameResult& result);
   void Advance(std::int64_t now_ns);
   // Whether the frame's time is up; its reason says so then.
   bool IsLate(FrameResult* result) const;
@@ -124,6 +126,7 @@ struct Localizer::Impl {
   BundleIdentity identity;
   std::unique_ptr<tbb::global_control> thread_limit;
   FixHistory history;
+  std::optional<Eigen::Vector3d> last_in_map;  // of the last pose, for the tiles
   CalibrationWatch calibration;
   RivalWatch rivals;
   int coarse_pause = 0;           // frames until half the size is tried again

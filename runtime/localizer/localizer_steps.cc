@@ -6,6 +6,7 @@
 
 #include "common/base/log.h"
 #include "common/geometry/attitude.h"
+#include "runtime/localizer/frame_sight.h"
 #include "runtime/localizer/localizer_impl.h"
 #include "runtime/pose/gates.h"
 
@@ -175,7 +176,7 @@ RetrievalResult Localizer::Impl::Retrieve(const RetrievalQuery& query,
   } else {
     std::vector<float> similarity;
     retrieved = retrieval.Global(query, &similarity);
-    places.UpdateSimilarity(similarity);
+    if (!similarity.empty()) places.UpdateSimilarity(similarity);
   }
   result->latency.retrieval_ms += watch.Lap();
   // Distinct views: a window lies within the whole map.
@@ -302,6 +303,9 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
     result->pose.reset();
     return true;
   }
+  if (options.with_sight) {
+    result->sight = std::make_shared<const FrameSight>(SightOf(outcome, local, *bundle, camera));
+  }
   if (!outcome.degraded) {
     calibration.Add(outcome.focal);
     past.Add(result->timestamp_ns,
@@ -318,6 +322,19 @@ void Localizer::Impl::DegradeMiscalibrated(FrameResult* result) const {
   result->reason = "calibration_off";
   result->pose->covariance_in_map *=
       pose_options.degraded_sigma_factor * pose_options.degraded_sigma_factor;
+}
+
+void Localizer::Impl::FollowTiles(const FrameResult& result) {
+  constexpr double kMostAhead_m = 200;  // a tile's side
+  constexpr double kFramesAhead = 50;   // some seconds
+  if (result.pose) {
+    const Eigen::Vector3d here = result.pose->position_in_map;
+    Eigen::Vector3d way = kFramesAhead * (here - last_in_map.value_or(here));
+    if (way.norm() > kMostAhead_m) way *= kMostAhead_m / way.norm();
+    retrieval.Follow(here, here + way);
+    last_in_map = here;
+  }
+  retrieval.Trim();
 }
 
 void Localizer::Impl::Advance(std::int64_t now_ns) {

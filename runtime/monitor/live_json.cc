@@ -62,4 +62,20 @@ std::string RouteJson(const MapFacts& facts) {
   return Dump({{"id", facts.bundle.id}, {"panoramas", panoramas}, {"links", links}});
 }
 
+std::string SightJson(const FramePicture& picture) {
+  if (!picture.sight) return "null";
+  const FrameSight& sight = *picture.sight;
+  Json pairs = Json::array(), landmarks = Json::array();
+  for (const FrameSight::Pair& p : sight.pairs)
+    pairs.push_back({p.frame_px.x(), p.frame_px.y(), p.view_px.x(), p.view_px.y()});
+  for (const Eigen::Vector2f& px : sight.landmarks_px) landmarks.push_back({px.x(), px.y()});
+  return Dump({{"timestamp_ns", std::to_string(picture.timestamp_ns)},
+               {"panorama", sight.panorama},
+               {"yaw_deg", sight.yaw_deg},
+               {"from_panorama_m", sight.from_panorama_m},
+               {"size", {sight.width_px, sight.height_px}},
+               {"pairs", pairs},
+               {"landmarks", landmarks}});
+}
+
 }  // namespace panofix

@@ -13,4 +13,8 @@ namespace panofix {
 // {"id", "panoramas": [[lat, lon], …], "links": [[i, j], …]}
 [[nodiscard]] std::string RouteJson(const MapFacts& facts);
 
+// {"timestamp_ns", "panorama", "yaw_deg", "from_panorama_m", "size": [w, h], "pairs": [[x, y in the
+// frame, x, y in the view], …], "landmarks": [[x, y], …]}, pixels; null without a sight.
+[[nodiscard]] std::string SightJson(const FramePicture& picture);
+
 }  // namespace panofix

@@ -100,6 +100,10 @@ void MonitorServer::Impl::AddRoutes() {
     response.status = picture.bytes.empty() ? 404 : 200;
     response.set_content(reinterpret_cast<const char*>(picture.bytes.data()), picture.bytes.size(),
                          picture.content_type.empty() ? kPlain : picture.content_type.c_str());
+    response.set_header("X-Timestamp-Ns", std::to_string(picture.timestamp_ns));
+  });
+  server.Get("/api/sight", [this](const Request&, Response& response) {
+    response.set_content(SightJson(monitor.picture()), kJson);
   });
   server.Get("/api/route", [this](const Request&, Response& response) {
     response.set_content(RouteJson(monitor.map()), kJson);

@@ -96,7 +96,14 @@ void WriteMap(const MonitorSnapshot& s, std::int64_t now_s, Writer* w) {
     w->Gauge("panofix_map_age_seconds", static_cast<double>(now_s - s.map_created_s),
              "Since the map was signed.");
   }
-  w->Gauge("panofix_map_tiles", static_cast<double>(s.num_tiles), "Tiles mapped.");
+  w->Gauge("panofix_map_tiles", static_cast<double>(s.num_tiles), "Tiles of the map.");
+  w->Gauge("panofix_map_tiles_loaded", static_cast<double>(s.num_tiles_loaded), "Tiles in memory.");
+  w->Gauge("panofix_map_tile_bytes", static_cast<double>(s.tile_bytes),
+           "What they take of memory, indices included.");
+  w->Count("panofix_tile_loads_total", s.num_tile_loads,
+           "Tiles read since the map was opened, the first time included.");
+  w->Count("panofix_tile_failures_total", s.num_tiles_failed,
+           "Tiles that could not be read again.");
   w->Count("panofix_map_swaps_total", s.num_swaps, "Maps taken while running.");
   w->Count("panofix_map_swaps_failed_total", s.num_failed_swaps, "Maps that did not open.");
 }

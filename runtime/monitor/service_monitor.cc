@@ -85,7 +85,8 @@ void ServiceMonitor::AddAnswer(const FrameResult& result, double wait_ms, double
     SetEllipse(*result.pose, &point);
   }
   const std::lock_guard lock(mutex_);
-  answer_ = Clock::now();
+  // Only what a map was asked for makes the service ready.
+  if (result.reason != "map_loading") answer_ = Clock::now();
   if (result.status == FixStatus::kFix) {
     fix_ = answer_;
     ++counts_.num_fixes;

@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "runtime/localizer/frame_sight.h"
 #include "runtime/localizer/localizer.h"
 #include "runtime/monitor/latency_histogram.h"
 
@@ -68,11 +69,14 @@ struct TrailPoint {
   std::array<double, kNumServiceStages> stages_ms{};
 };
 
-// The newest frame as it came, for a browser; absent for raw pixels.
+// The newest frame as it came, for a browser (no bytes for raw pixels), and what its answer rests
+// on.
 struct FramePicture {
   std::shared_ptr<const void> owner;  // keeps the bytes
   std::span<const std::uint8_t> bytes;
   std::string content_type;
+  std::int64_t timestamp_ns = 0;
+  std::shared_ptr<const FrameSight> sight;  // may be absent
 };
 
 struct MonitorSnapshot {
@@ -87,6 +91,8 @@ struct MonitorSnapshot {
   std::array<LatencyHistogram, kNumServiceStages> latency;
   BundleIdentity bundle;
   std::int64_t map_created_s = 0, num_tiles = 0;
+  // Tiles in memory, read since the map was opened, lost on the way; bytes that they take.
+  std::int64_t num_tiles_loaded = 0, num_tile_loads = 0, num_tiles_failed = 0, tile_bytes = 0;
   // Seconds since; absent where there was none yet.
   std::optional<double> since_step_s, since_answer_s, since_fix_s;
 };

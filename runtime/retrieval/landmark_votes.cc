@@ -8,7 +8,6 @@
 
 #include "common/features/matcher.h"
 #include "common/geometry/attitude.h"
-#include "common/map/local_frame.h"
 
 namespace panofix {
 
@@ -34,59 +33,100 @@ void Invert(const std::vector<std::uint32_t>& key_of, std::size_t num_keys,
 
 }  // namespace
 
-LandmarkVotes::LandmarkVotes(std::shared_ptr<const MapBundle> bundle, const VoteOptions& options)
-    : bundle_(std::move(bundle)), options_(options) {
-  const std::size_t n = bundle_->num_landmarks();
-  local_ = LocalFrame::At(bundle_->panoramas().front());
-  points_.resize(n), size_m_.resize(n), angle_deg_.resize(n);
-  std::vector<std::uint32_t> word_of(n);
-  tbb::parallel_for(std::size_t{0}, n, [&](std::size_t i) {
-    const auto id = static_cast<std::uint32_t>(i);
-    const MapLandmark landmark = bundle_->Landmark(id);
+Voters::Voters(const Vocabulary& vocabulary, const FeatureSet& sift_features,
+               std::span<const Eigen::Vector2d> keypoint_bearings, const Camera& frame_camera,
+               const VoteOptions& options)
+    : sift(sift_features),
+      bearings(keypoint_bearings),
+      camera(frame_camera),
+      words(sift_features.size()) {
+  tbb::parallel_for(std::size_t{0}, words.size(), [&](std::size_t k) {
+    vocabulary.sift.QuantizeSoft(sift.descriptor(k).data(), options.num_words, &words[k]);
+  });
+}
+
+std::vector<std::uint32_t> WordsOfLandmarks(const MapBundle& bundle, std::size_t tile_idx) {
+  const MapTile& tile = bundle.tiles().Get(tile_idx);
+  std::vector<std::uint32_t> words(tile.num_landmarks());
+  tbb::parallel_for(std::size_t{0}, words.size(), [&](std::size_t i) {
     std::uint8_t descriptor[kDescriptorSize];
-    bundle_->Descriptor(id, descriptor);
-    word_of[i] = bundle_->vocabulary().sift.Quantize(descriptor);
-    points_[i] =
-        (local_.LocalFromPano(bundle_->panoramas()[landmark.panorama_idx]) * landmark.point_in_pano)
-            .cast<float>();
+    tile.Descriptor(i, descriptor);
+    words[i] = bundle.vocabulary().sift.Quantize(descriptor);
+  });
+  return words;
+}
+
+TileVotes::TileVotes(const MapBundle& bundle, std::size_t tile_idx,
+                     const std::vector<std::uint32_t>& words, const LocalFrame& local,
+                     const VoteOptions& options)
+    : bundle_(bundle), tile_(tile_idx), options_(options) {
+  const MapTile& tile = bundle_.tiles().Get(tile_);
+  // A tile that was lost since its words were taken has none.
+  const std::size_t n = std::min(tile.num_landmarks(), words.size());
+  points_.resize(n), size_m_.resize(n), angle_deg_.resize(n);
+  std::uint32_t anchor = ~0U;  // landmarks of one anchor follow each other
+  Rigid3 local_from_anchor;
+  for (std::size_t i = 0; i < n; ++i) {
+    const MapLandmark landmark = tile.Landmark(i);
+    if (landmark.panorama_idx != anchor) {
+      anchor = landmark.panorama_idx;
+      local_from_anchor = local.LocalFromPano(bundle_.panoramas()[anchor]);
+    }
+    points_[i] = (local_from_anchor * landmark.point_in_pano).cast<float>();
     size_m_[i] = static_cast<float>(landmark.size_m);
     angle_deg_[i] = static_cast<float>(landmark.angle_deg);
-  });
-  Invert(word_of, bundle_->vocabulary().sift.num_words, &word_offsets_, &landmarks_of_word_);
+  }
+  words_.assign(words.begin(), words.begin() + static_cast<std::ptrdiff_t>(n));
+  std::sort(words_.begin(), words_.end());
+  words_.erase(std::unique(words_.begin(), words_.end()), words_.end());
+  std::vector<std::uint32_t> row_of(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    row_of[i] = static_cast<std::uint32_t>(
+        std::lower_bound(words_.begin(), words_.end(), words[i]) - words_.begin());
+  }
+  Invert(row_of, words_.size(), &word_offsets_, &landmarks_of_word_);
   std::vector<std::uint32_t> landmark_of, view_of;
-  for (std::uint32_t v = 0; v < bundle_->views().size(); ++v) {
-    const MapBundle::LandmarkList list = bundle_->LandmarksOf(v);
-    for (std::size_t i = 0; i < list.size(); ++i)
-      landmark_of.push_back(list[i]), view_of.push_back(v);
+  for (std::uint32_t slot = 0; slot < tile.num_views(); ++slot) {
+    const std::span<const std::uint32_t> list = tile.LandmarksOf(slot);
+    landmark_of.insert(landmark_of.end(), list.begin(), list.end());
+    view_of.resize(landmark_of.size(), slot);
     norm_.push_back(1 / std::sqrt(50.0F + static_cast<float>(list.size())));
-    const MapView& view = bundle_->views()[v];
-    const Rigid3 local_from_pano = local_.LocalFromPano(bundle_->panoramas()[view.panorama_idx]);
-    const Eigen::Matrix3d local_from_cam =
-        local_from_pano.rotation * EnuFromBody({view.yaw_deg, view.pitch_deg, 0}) * BodyFromCam();
-    const Eigen::Vector3d centre =
-        local_from_pano * bundle_->stations()[view.station_idx].position_in_pano;
-    poses_.push_back({local_from_cam.transpose().cast<float>(), centre.cast<float>()});
+    AddView(bundle_.ViewsOfTile(tile_)[slot], local);
   }
   std::vector<std::uint32_t> entries;
   Invert(landmark_of, n, &view_offsets_, &entries);
+  views_of_landmark_.reserve(entries.size());
   for (const std::uint32_t entry : entries) views_of_landmark_.push_back(view_of[entry]);
 }
 
-void LandmarkVotes::VoteFor(const Keypoint& keypoint, const Eigen::Vector2d& bearing,
-                            double focal_px, std::uint32_t landmark_id, float weight,
-                            const std::vector<char>& wanted, std::vector<Vote>* votes) const {
-  for (std::uint32_t i = view_offsets_[landmark_id]; i < view_offsets_[landmark_id + 1]; ++i) {
+void TileVotes::AddView(std::uint32_t view_idx, const LocalFrame& local) {
+  const MapView& view = bundle_.views()[view_idx];
+  const Rigid3 local_from_pano = local.LocalFromPano(bundle_.panoramas()[view.panorama_idx]);
+  const Eigen::Matrix3d local_from_cam =
+      local_from_pano.rotation * EnuFromBody({view.yaw_deg, view.pitch_deg, 0}) * BodyFromCam();
+  const Eigen::Vector3d centre =
+      local_from_pano * bundle_.stations()[view.station_idx].position_in_pano;
+  poses_.push_back({local_from_cam.transpose().cast<float>(), centre.cast<float>()});
+}
+
+void TileVotes::VoteFor(const Voters& voters, std::size_t keypoint_idx, std::uint32_t landmark,
+                        float weight, const std::vector<char>& wanted,
+                        std::vector<Vote>* votes) const {
+  const Keypoint& keypoint = voters.sift.keypoints[keypoint_idx];
+  const Eigen::Vector2d& bearing = voters.bearings[keypoint_idx];
+  const std::vector<std::uint32_t>& views = bundle_.ViewsOfTile(tile_);
+  for (std::uint32_t i = view_offsets_[landmark]; i < view_offsets_[landmark + 1]; ++i) {
     const std::uint32_t view = views_of_landmark_[i];
-    if (!wanted.empty() && wanted[view] == 0) continue;
+    if (!wanted.empty() && wanted[views[view]] == 0) continue;
     const ViewPose& pose = poses_[view];
-    const Eigen::Vector3f x = pose.cam_from_map * (points_[landmark_id] - pose.centre);
+    const Eigen::Vector3f x = pose.cam_from_map * (points_[landmark] - pose.centre);
     if (x.z() < 0.3F) continue;
     const double across_deg =
         (std::atan(bearing.x()) - std::atan2(double{x.x()}, double{x.z()})) / kRadPerDeg;
     const double up_deg =
         (std::atan(bearing.y()) - std::atan2(double{x.y()}, double{x.z()})) / kRadPerDeg;
-    const double ratio =
-        double{keypoint.size_px} * double{x.norm()} / (double{size_m_[landmark_id]} * focal_px);
+    const double ratio = double{keypoint.size_px} * double{x.norm()} /
+                         (double{size_m_[landmark]} * voters.camera.fx_px);
     if (std::abs(across_deg) > options_.max_across_deg || std::abs(up_deg) > options_.max_up_deg ||
         ratio > options_.max_size_ratio || ratio * options_.max_size_ratio < 1) {
       continue;
@@ -97,33 +137,35 @@ void LandmarkVotes::VoteFor(const Keypoint& keypoint, const Eigen::Vector2d& bea
 }
 
 template <typename Visit>
-void LandmarkVotes::ForEachAlike(const FeatureSet& sift, std::size_t keypoint,
-                                 const Visit& visit) const {
+void TileVotes::ForEachAlike(const Voters& voters, std::size_t keypoint, const Visit& visit) const {
   const double limit_sq = options_.max_descriptor_distance * options_.max_descriptor_distance;
   const double sigma = options_.descriptor_sigma;
-  const std::uint8_t* descriptor = sift.descriptor(keypoint).data();
-  std::vector<std::uint32_t> words;
-  bundle_->vocabulary().sift.QuantizeSoft(descriptor, options_.num_words, &words);
+  const std::uint8_t* descriptor = voters.sift.descriptor(keypoint).data();
+  const double angle_deg = double{voters.sift.keypoints[keypoint].angle_deg};
+  const std::uint32_t first_id = bundle_.first_landmark(tile_);
   std::uint8_t other[kDescriptorSize];
-  for (const std::uint32_t word : words) {
-    for (std::uint32_t i = word_offsets_[word]; i < word_offsets_[word + 1]; ++i) {
-      const std::uint32_t id = landmarks_of_word_[i];
-      if (std::abs(AngleDifferenceDeg(double{sift.keypoints[keypoint].angle_deg},
-                                      double{angle_deg_[id]})) > options_.max_turn_deg) {
+  for (const std::uint32_t word : voters.words[keypoint]) {
+    const auto found = std::lower_bound(words_.begin(), words_.end(), word);
+    if (found == words_.end() || *found != word) continue;
+    const auto row = static_cast<std::size_t>(found - words_.begin());
+    for (std::uint32_t i = word_offsets_[row]; i < word_offsets_[row + 1]; ++i) {
+      const std::uint32_t landmark = landmarks_of_word_[i];
+      if (std::abs(AngleDifferenceDeg(angle_deg, double{angle_deg_[landmark]})) >
+          options_.max_turn_deg) {
         continue;
       }
-      bundle_->Descriptor(id, other);
+      bundle_.Descriptor(first_id + landmark, other);
       const int distance_sq = DescriptorDistanceSq(descriptor, other);
       if (distance_sq <= limit_sq)
-        visit(id, static_cast<float>(std::exp(-distance_sq / (2 * sigma * sigma))));
+        visit(landmark, static_cast<float>(std::exp(-distance_sq / (2 * sigma * sigma))));
     }
   }
 }
 
-std::vector<float> LandmarkVotes::Count(std::vector<std::vector<Vote>> votes) const {
+std::vector<float> TileVotes::Count(std::vector<std::vector<Vote>> votes) const {
   const int half = static_cast<int>(std::ceil(options_.max_across_deg / options_.bin_deg));
   const auto num_bins = static_cast<std::size_t>(2 * half + 1);
-  std::vector<float> bins(bundle_->views().size() * num_bins, 0);
+  std::vector<float> bins(poses_.size() * num_bins, 0);
   for (auto& of_keypoint : votes) {
     // A keypoint shows one thing: of its votes for a view the best counts (burstiness).
     std::sort(of_keypoint.begin(), of_keypoint.end(), [](const Vote& a, const Vote& b) {
@@ -136,7 +178,7 @@ std::vector<float> LandmarkVotes::Count(std::vector<std::vector<Vote>> votes) co
       bins[vote.view * num_bins + static_cast<std::size_t>(vote.bin + half)] += vote.weight;
     }
   }
-  std::vector<float> scores(bundle_->views().size(), 0);
+  std::vector<float> scores(poses_.size(), 0);
   for (std::size_t v = 0; v < scores.size(); ++v) {
     for (std::size_t b = 0; b + 1 < num_bins; ++b)
       scores[v] = std::max(scores[v], bins[v * num_bins + b] + bins[v * num_bins + b + 1]);
@@ -144,17 +186,24 @@ std::vector<float> LandmarkVotes::Count(std::vector<std::vector<Vote>> votes) co
   return scores;
 }
 
-std::vector<float> LandmarkVotes::Score(const FeatureSet& sift,
-                                        std::span<const Eigen::Vector2d> bearings,
-                                        const Camera& camera,
-                                        const std::vector<char>& wanted) const {
-  std::vector<std::vector<Vote>> votes(sift.size());
-  tbb::parallel_for(std::size_t{0}, sift.size(), [&](std::size_t k) {
-    ForEachAlike(sift, k, [&](std::uint32_t id, float weight) {
-      VoteFor(sift.keypoints[k], bearings[k], camera.fx_px, id, weight, wanted, &votes[k]);
+void TileVotes::Score(const Voters& voters, const std::vector<char>& wanted,
+                      std::vector<float>* scores) const {
+  std::vector<std::vector<Vote>> votes(voters.sift.size());
+  tbb::parallel_for(std::size_t{0}, voters.sift.size(), [&](std::size_t k) {
+    ForEachAlike(voters, k, [&](std::uint32_t landmark, float weight) {
+      VoteFor(voters, k, landmark, weight, wanted, &votes[k]);
     });
   });
-  return Count(std::move(votes));
+  const std::vector<float> of_slot = Count(std::move(votes));
+  const std::vector<std::uint32_t>& views = bundle_.ViewsOfTile(tile_);
+  for (std::size_t slot = 0; slot < of_slot.size(); ++slot) (*scores)[views[slot]] = of_slot[slot];
+}
+
+std::size_t TileVotes::num_bytes() const {
+  return 4 * (words_.capacity() + word_offsets_.capacity() + landmarks_of_word_.capacity() +
+              view_offsets_.capacity() + views_of_landmark_.capacity() + 3 * points_.capacity() +
+              size_m_.capacity() + angle_deg_.capacity() + norm_.capacity()) +
+         sizeof(ViewPose) * poses_.capacity();
 }
 
 }  // namespace panofix

@@ -4,7 +4,6 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <vector>
 
@@ -26,35 +25,54 @@ struct VoteOptions {
   double bin_deg = 9;           // turns that agree; two neighbours are one
 };
 
-// Words (Sivic and Zisserman, ICCV 2003) find the landmarks, descriptors and weak geometry (Jegou,
-// Douze and Schmid, ECCV 2008) weigh them. Immutable, thread-safe.
-class LandmarkVotes {
+// The keypoints of a frame, ready to vote in any tile.
+struct Voters {
+  // `bearings` (x/z, y/z) go with the keypoints; all arguments but `options` outlive it.
+  Voters(const Vocabulary& vocabulary, const FeatureSet& sift_features,
+         std::span<const Eigen::Vector2d> keypoint_bearings, const Camera& frame_camera,
+         const VoteOptions& options);
+  const FeatureSet& sift;
+  std::span<const Eigen::Vector2d> bearings;
+  const Camera& camera;                           // took the frame
+  std::vector<std::vector<std::uint32_t>> words;  // nearest ones of each keypoint
+};
+
+// Visual words of a tile's landmarks: the costly part of TileVotes.
+[[nodiscard]] std::vector<std::uint32_t> WordsOfLandmarks(const MapBundle& bundle,
+                                                          std::size_t tile);
+
+// The landmarks of one tile. Words (Sivic and Zisserman, ICCV 2003) find them, descriptors and weak
+// geometry (Jegou, Douze and Schmid, ECCV 2008) weigh them. Immutable, thread-safe.
+class TileVotes {
  public:
-  LandmarkVotes(std::shared_ptr<const MapBundle> bundle, const VoteOptions& options);
-  // Votes for each view of the map, 0 and up; only for views with `wanted` set where it is not
-  // empty. `camera` took the frame; bearings (x/z, y/z) go with its keypoints.
-  [[nodiscard]] std::vector<float> Score(const FeatureSet& sift,
-                                         std::span<const Eigen::Vector2d> bearings,
-                                         const Camera& camera,
-                                         const std::vector<char>& wanted) const;
+  // `words` as WordsOfLandmarks; `local` is any frame near the map. The bundle outlives it, and its
+  // tile is asked for with every score.
+  TileVotes(const MapBundle& bundle, std::size_t tile, const std::vector<std::uint32_t>& words,
+            const LocalFrame& local, const VoteOptions& options);
+  // Votes for each view of the tile, 0 and up, into `scores` (of all views); only for views with
+  // `wanted` set where it is not empty.
+  void Score(const Voters& voters, const std::vector<char>& wanted,
+             std::vector<float>* scores) const;
+  [[nodiscard]] std::size_t num_bytes() const;
 
  private:
   // Calls visit(landmark, weight) for the landmarks that look like a keypoint.
   template <typename Visit>
-  void ForEachAlike(const FeatureSet& sift, std::size_t keypoint, const Visit& visit) const;
+  void ForEachAlike(const Voters& voters, std::size_t keypoint, const Visit& visit) const;
   [[nodiscard]] std::vector<float> Count(std::vector<std::vector<struct Vote>> votes) const;
   struct ViewPose {
     Eigen::Matrix3f cam_from_map;  // directions; the map's point scale does not matter to angles
     Eigen::Vector3f centre;        // metres from the origin
   };
-  void VoteFor(const Keypoint& keypoint, const Eigen::Vector2d& bearing, double focal_px,
-               std::uint32_t landmark_id, float weight, const std::vector<char>& wanted,
-               std::vector<struct Vote>* votes) const;
+  void AddView(std::uint32_t view_idx, const LocalFrame& local);
+  void VoteFor(const Voters& voters, std::size_t keypoint, std::uint32_t landmark, float weight,
+               const std::vector<char>& wanted, std::vector<struct Vote>* votes) const;
 
-  std::shared_ptr<const MapBundle> bundle_;
+  const MapBundle& bundle_;
+  const std::size_t tile_;
   VoteOptions options_;
-  LocalFrame local_;
-  std::vector<std::uint32_t> word_offsets_, landmarks_of_word_;
+  // Landmarks and views count within the tile.
+  std::vector<std::uint32_t> words_, word_offsets_, landmarks_of_word_;  // words ascending
   std::vector<std::uint32_t> view_offsets_, views_of_landmark_;
   std::vector<Eigen::Vector3f> points_;  // of landmarks, metres from the origin
   std::vector<float> size_m_, angle_deg_;

@@ -8,24 +8,43 @@ namespace panofix {
 Retrieval::Retrieval(std::shared_ptr<const MapBundle> bundle, const RetrievalOptions& options)
     : bundle_(std::move(bundle)),
       options_(options),
-      index_(bundle_->bags(), bundle_->vocabulary().num_words()) {
-  if (options_.use_landmarks)
-    votes_ = std::make_unique<const LandmarkVotes>(bundle_, VoteOptions{});
+      tiles_(std::make_unique<TileIndices>(bundle_, options_.use_landmarks,
+                                           options_.max_memory_bytes)) {}
+
+template <typename Visit>
+bool Retrieval::ForEachTile(const std::vector<char>& wanted, const std::function<bool()>& stop,
+                            const Visit& visit) const {
+  for (std::size_t tile = 0; tile < bundle_->tiles().size(); ++tile) {
+    if (!wanted.empty()) {
+      const std::vector<std::uint32_t>& views = bundle_->ViewsOfTile(tile);
+      if (std::none_of(views.begin(), views.end(), [&](auto v) { return wanted[v] != 0; }))
+        continue;
+    } else if (stop && stop()) {
+      return false;
+    }
+    visit(tile, *tiles_->Of(tile));
+    tiles_->Trim();
+  }
+  return true;
 }
 
 std::vector<float> Retrieval::Similarities(const RetrievalQuery& query,
                                            const std::vector<char>& wanted) const {
-  std::vector<float> scores;
-  if (wanted.empty()) {
-    scores = index_.Score(query.bag);
-  } else {
-    scores.assign(wanted.size(), 0);
-    for (std::size_t v = 0; v < wanted.size(); ++v) {
-      if (wanted[v] != 0) scores[v] = Similarity(query.bag, bundle_->bags()[v]);
-    }
-  }
-  if (votes_ == nullptr) return scores;
-  const std::vector<float> votes = votes_->Score(query.sift, query.bearings, query.camera, wanted);
+  std::vector<float> scores(bundle_->views().size(), 0), votes(scores.size(), 0);
+  static const FeatureSet kNobody;
+  const Voters voters(bundle_->vocabulary(), options_.use_landmarks ? query.sift : kNobody,
+                      query.bearings, query.camera, VoteOptions{});
+  const bool is_whole =
+      ForEachTile(wanted, query.stop, [&](std::size_t tile, const TileIndex& index) {
+        const std::vector<float> by_words = index.words.Score(query.bag);
+        const std::vector<std::uint32_t>& views = bundle_->ViewsOfTile(tile);
+        for (std::size_t i = 0; i < views.size(); ++i) {
+          if (wanted.empty() || wanted[views[i]] != 0) scores[views[i]] = by_words[i];
+        }
+        if (index.votes) index.votes->Score(voters, wanted, &votes);
+      });
+  if (!is_whole) return {};
+  if (!options_.use_landmarks) return scores;
   constexpr float kManyVotes = 2;  // as good as half of the range
   for (std::size_t v = 0; v < scores.size(); ++v)
     scores[v] = 0.5F * scores[v] + 0.5F * votes[v] / (votes[v] + kManyVotes);
@@ -55,7 +74,7 @@ RetrievalResult Retrieval::Global(const RetrievalQuery& query,
   const std::vector<float> scores = Similarities(query, {});
   RetrievalResult result = Best(scores);
   result.num_compared = static_cast<std::int64_t>(scores.size());
-  if (best_of_panorama == nullptr) return result;
+  if (best_of_panorama == nullptr || scores.empty()) return result;
   best_of_panorama->assign(bundle_->panoramas().size(), 0);
   for (std::size_t v = 0; v < scores.size(); ++v) {
     float& best = (*best_of_panorama)[bundle_->views()[v].panorama_idx];
@@ -122,8 +141,13 @@ RetrievalResult Retrieval::BestAndItsRow(const std::vector<float>& similarities)
 std::vector<float> Retrieval::Votes(const FeatureSet& sift,
                                     std::span<const Eigen::Vector2d> bearings,
                                     const Camera& camera) const {
-  if (votes_ == nullptr) return {};
-  return votes_->Score(sift, bearings, camera, {});
+  if (!options_.use_landmarks) return {};
+  std::vector<float> votes(bundle_->views().size(), 0);
+  const Voters voters(bundle_->vocabulary(), sift, bearings, camera, VoteOptions{});
+  ForEachTile({}, {}, [&](std::size_t, const TileIndex& index) {
+    if (index.votes) index.votes->Score(voters, {}, &votes);
+  });
+  return votes;
 }
 
 }  // namespace panofix

@@ -3,12 +3,13 @@
 // windowed.
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
 
 #include "common/map/map_bundle.h"
-#include "runtime/retrieval/landmark_votes.h"
+#include "runtime/retrieval/tile_indices.h"
 
 namespace panofix {
 
@@ -23,10 +24,11 @@ struct RetrievalResult {
 };
 
 struct RetrievalOptions {
-  int num_views = 16;              // handed on to matching
-  int max_views_per_panorama = 4;  // its stations show the same: places are wanted, not views
-  bool use_landmarks = true;       // votes of landmarks beside the bags of words
-  int num_similar = 8;             // k of the paper: the best view and k - 1 similar ones
+  int num_views = 16;                  // handed on to matching
+  int max_views_per_panorama = 4;      // its stations show the same: places are wanted, not views
+  bool use_landmarks = true;           // votes of landmarks beside the bags of words
+  int num_similar = 8;                 // k of the paper: the best view and k - 1 similar ones
+  std::uint64_t max_memory_bytes = 0;  // of the process, kept by dropping tiles; 0 = no bound
 };
 
 // What a frame is looked up with.
@@ -35,9 +37,12 @@ struct RetrievalQuery {
   const FeatureSet& sift;
   std::span<const Eigen::Vector2d> bearings;  // of the keypoints, (x/z, y/z)
   const Camera& camera;
+  // Asked before each tile of a search in the whole map: true ends it, and nothing is found.
+  std::function<bool()> stop;
 };
 
-// Immutable; thread-safe. Holds the inverted indices of a bundle.
+// Used by one thread at a time. Holds the inverted indices of a bundle, tile by tile; no answer
+// depends on which tiles are in memory.
 class Retrieval {
  public:
   Retrieval(std::shared_ptr<const MapBundle> bundle, const RetrievalOptions& options);
@@ -62,15 +67,27 @@ class Retrieval {
                                          std::span<const Eigen::Vector2d> bearings,
                                          const Camera& camera) const;
 
+  // See TileIndices.
+  void Follow(const Eigen::Vector3d& here_in_map, const Eigen::Vector3d& ahead_in_map) const {
+    tiles_->Follow(here_in_map, ahead_in_map);
+  }
+  void Trim() const { tiles_->Trim(); }
+  [[nodiscard]] TileMemory memory() const { return tiles_->memory(); }
+
  private:
   [[nodiscard]] RetrievalResult BestAndItsRow(const std::vector<float>& similarities) const;
+  // Nothing where the query was stopped.
   [[nodiscard]] std::vector<float> Similarities(const RetrievalQuery& query,
                                                 const std::vector<char>& wanted) const;
+  // Calls visit(tile, its index) for the tiles with a wanted view (all where `wanted` is empty) and
+  // keeps the bound on memory on the way. False where `stop` ended it.
+  template <typename Visit>
+  bool ForEachTile(const std::vector<char>& wanted, const std::function<bool()>& stop,
+                   const Visit& visit) const;
   [[nodiscard]] RetrievalResult Best(const std::vector<float>& similarities) const;
   std::shared_ptr<const MapBundle> bundle_;
   RetrievalOptions options_;
-  InvertedIndex index_;
-  std::unique_ptr<const LandmarkVotes> votes_;
+  std::unique_ptr<TileIndices> tiles_;
 };
 
 }  // namespace panofix

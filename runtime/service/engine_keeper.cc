@@ -1,6 +1,7 @@
 #include "runtime/service/engine_keeper.h"
 
 #include "common/base/log.h"
+#include "runtime/service/loading_engine.h"
 #include "runtime/service/messages.h"
 #include "runtime/service/topics.h"
 
@@ -15,6 +16,9 @@ bool SameCamera(const Camera& a, const Camera& b) {
          a.distortion == b.distortion &&
          (a.distortion_model == b.distortion_model || !a.HasDistortion());
 }
+
+// Small maps are open by then, and nobody needs to be told.
+constexpr std::chrono::milliseconds kOpeningPatience(250);
 
 std::string Size(const Camera& camera) {
   return Format("%dx%d", camera.width_px, camera.height_px);
@@ -31,6 +35,7 @@ std::string Describe(const BundleIdentity& bundle) {
 // A map that is still being opened uses the source.
 EngineKeeper::~EngineKeeper() {
   if (update_.valid()) update_.wait();
+  if (opening_.valid()) opening_.wait();
 }
 
 void EngineKeeper::Use(std::unique_ptr<FrameEngine> engine) {
@@ -54,8 +59,9 @@ EngineKeeper::Opened EngineKeeper::OpenAnother() {
 }
 
 Status EngineKeeper::Open() {
-  const std::lock_guard lock(source_mutex_);
+  std::unique_lock lock(source_mutex_);
   auto bundle_camera = source_.BundleCamera();
+  lock.unlock();
   if (!bundle_camera.ok()) return bundle_camera.status();
   bundle_camera_ = *bundle_camera;
   Camera camera = bundle_camera_;
@@ -65,10 +71,32 @@ Status EngineKeeper::Open() {
     camera = *given;
     camera_is_known_ = true;
   }
-  auto engine = source_.Open(camera);
-  if (!engine.ok()) return engine.status();
-  Use(std::move(*engine));
-  LogInfo(Describe(engine_->bundle()));
+  return StartOpening(camera);
+}
+
+Status EngineKeeper::StartOpening(const Camera& camera) {
+  opening_ = std::async(std::launch::async, [this, camera] {
+    const std::lock_guard lock(source_mutex_);
+    return source_.Open(camera);
+  });
+  if (opening_.wait_for(kOpeningPatience) == std::future_status::ready) return TakeOpened();
+  before_ = std::move(engine_);
+  engine_ = std::make_unique<LoadingEngine>(camera);
+  LogInfo("the map is being opened; until then frames are answered \"map_loading\"");
+  return {};
+}
+
+Status EngineKeeper::TakeOpened() {
+  Opened opened = opening_.get();
+  if (opened.ok()) {
+    before_.reset();
+    Use(std::move(*opened));
+    LogInfo(Describe(engine_->bundle()));
+    return {};
+  }
+  if (before_) engine_ = std::move(before_);
+  if (generation_ == 0) return opened.status();
+  calibration_log_.Warn("calibration refused: " + opened.status().message());
   return {};
 }
 
@@ -95,17 +123,10 @@ void EngineKeeper::TakeCalibration(const WireBytes& payload) {
     return;
   }
   // A map under way would come for the old camera; the next calibration, a second later, is taken.
-  if (update_.valid()) return;
-  std::unique_lock lock(source_mutex_);
-  auto engine = source_.Open(*camera);
-  lock.unlock();
-  if (!engine.ok()) {
-    calibration_log_.Warn("calibration refused: " + engine.status().message());
-    return;
-  }
-  Use(std::move(*engine));
-  camera_is_known_ = true;
-  LogInfo("calibration taken from the feed");
+  if (update_.valid() || opening_.valid()) return;
+  LogInfo("calibration of the feed: opening the map for it");
+  static_cast<void>(StartOpening(*camera));
+  camera_is_known_ = opening_.valid() || SameCamera(*camera, engine_->camera());
 }
 
 bool EngineKeeper::CameraIsKnown(double waited_s) {
@@ -118,7 +139,16 @@ bool EngineKeeper::CameraIsKnown(double waited_s) {
   return true;
 }
 
-void EngineKeeper::TakeUpdate() {
+Status EngineKeeper::TakeUpdate() {
+  if (!opening_.valid()) {
+    TakeNewer();
+    return {};
+  }
+  const bool is_open = opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  return is_open ? TakeOpened() : Status();
+}
+
+void EngineKeeper::TakeNewer() {
   if (!update_.valid()) {
     const auto now = Clock::now();
     if (now - asked_ < std::chrono::duration<double>(options_.update_interval_s)) return;

@@ -20,8 +20,10 @@ class EngineKeeper {
       : options_(options), source_(source), monitor_(monitor) {}
   ~EngineKeeper();
 
-  // Opens the map before the first calibration can arrive, so that a bad one is told at once.
+  // Opens the map before the first calibration can arrive, so that a bad one is told at once. One
+  // that takes long is opened on in a thread of its own; frames are answered "map_loading" then.
   [[nodiscard]] Status Open();
+  [[nodiscard]] bool is_loading() const { return opening_.valid(); }
   [[nodiscard]] FrameEngine& engine() { return *engine_; }
   // Goes up by one whenever the engine is another one. Thread-safe.
   [[nodiscard]] int generation() const { return generation_; }
@@ -35,12 +37,16 @@ class EngineKeeper {
   [[nodiscard]] Result<std::unique_ptr<FrameEngine>> OpenAnother();
 
   // Asks for a newer map now and then, opens it beside the one in use and takes it once it is
-  // ready. Never waits.
-  void TakeUpdate();
+  // ready. Never waits. An error where the first map does not open.
+  [[nodiscard]] Status TakeUpdate();
 
  private:
   using Opened = Result<std::unique_ptr<FrameEngine>>;
   void Use(std::unique_ptr<FrameEngine> engine);
+  // Opens the map for another camera; see Open.
+  [[nodiscard]] Status StartOpening(const Camera& camera);
+  [[nodiscard]] Status TakeOpened();
+  void TakeNewer();
 
   const ServeOptions& options_;
   EngineSource& source_;
@@ -49,10 +55,12 @@ class EngineKeeper {
   Camera bundle_camera_;
   bool camera_is_known_ = false;
   std::atomic<int> generation_{0};
-  std::mutex source_mutex_;     // guards source_, whoever asks it
-  std::mutex camera_mutex_;     // guards camera_
-  Camera camera_;               // of the engine in use
-  std::future<Opened> update_;  // valid while a newer map is being opened
+  std::mutex source_mutex_;              // guards source_, whoever asks it
+  std::mutex camera_mutex_;              // guards camera_
+  Camera camera_;                        // of the engine in use
+  std::future<Opened> opening_;          // valid while the map is being opened for a camera
+  std::unique_ptr<FrameEngine> before_;  // in use before that; absent at the start
+  std::future<Opened> update_;           // valid while a newer map is being opened
   std::chrono::steady_clock::time_point asked_;
   LogThrottle calibration_log_;
 };

@@ -9,6 +9,7 @@
 #include "common/camera/camera.h"
 #include "runtime/localizer/localizer.h"
 #include "runtime/monitor/service_monitor.h"
+#include "runtime/retrieval/tile_indices.h"
 
 namespace panofix {
 
@@ -24,6 +25,7 @@ class FrameEngine {
   virtual void Forget() = 0;
   // What a watcher is shown of the map.
   [[nodiscard]] virtual MapFacts facts() const = 0;
+  [[nodiscard]] virtual TileMemory memory() const { return {}; }
 };
 
 // Opens engines over a map.

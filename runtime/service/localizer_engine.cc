@@ -22,6 +22,7 @@ class LocalizerEngine : public FrameEngine {
   const Camera& camera() const override { return localizer_->camera(); }
   void Forget() override { localizer_->Forget(); }
   MapFacts facts() const override;
+  TileMemory memory() const override { return localizer_->memory(); }
 
  private:
   std::unique_ptr<Localizer> localizer_;

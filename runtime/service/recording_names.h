@@ -12,6 +12,7 @@ inline constexpr const char* kMapName = "name";
 inline constexpr const char* kMapId = "id";
 inline constexpr const char* kMapBuild = "build";
 inline constexpr const char* kDeadline = "panofix.deadline";
+inline constexpr const char* kGap = "panofix.gap";
 inline constexpr const char* kStep = "step";
 
 }  // namespace panofix::recording

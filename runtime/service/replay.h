@@ -23,6 +23,7 @@ struct ReplayReport {
   std::int64_t num_frames = 0, num_fixes = 0;
   std::int64_t num_different = 0;  // answers that are not those of the recording, latencies apart
   std::int64_t first_different_ns = 0;  // the first such frame's time
+  std::int64_t num_not_compared = 0;    // they come after frames that the recording lacks
   bool was_cut = false;                 // the recording lacks its end, as after a crash
   std::vector<PoseRow> rows;
 };

@@ -2,6 +2,7 @@
 
 #include <stdexcept>
 
+#include "common/base/cancel.h"
 #include "runtime/service/serve_session.h"
 #include "runtime/service/sockets.h"
 
@@ -35,7 +36,10 @@ Status ServeFrom(const ServeOptions& options, EngineSource& source) {
     publisher_options.security = options.poses_security;
     auto publisher = Publisher::Bind(options.poses, publisher_options);
     if (!publisher.ok()) return publisher.status();
-    return ServeSession(options, source, std::move(*publisher)).Run();
+    Status status = ServeSession(options, source, std::move(*publisher)).Run();
+    // Told to stop while the map was being opened.
+    if (status.code() == ErrorCode::kCancelled && CancelRequested()) return {};
+    return status;
   } catch (const std::invalid_argument& error) {
     return {ErrorCode::kInvalidArgument, error.what()};
   } catch (const std::exception& error) {

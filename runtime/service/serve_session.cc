@@ -83,7 +83,7 @@ Status ServeSession::Step() {
   constexpr std::chrono::milliseconds kWait(100);  // bounds the time to a stop
   monitor_.Step();
   monitor_.SetFeed(receiver_->counters());
-  engines_.TakeUpdate();
+  if (Status status = engines_.TakeUpdate(); !status.ok()) return status;
   static_cast<void>(publisher_.TakeSubscriptions(0));
   monitor_.Set(&MonitorSnapshot::num_denied_users, publisher_.num_denied());
   const auto frame = receiver_->TakeFrame(kWait);
@@ -110,7 +110,8 @@ Status ServeSession::HandleFrame(const ArrivedFrame& arrived) {
   Answered answered = Answer(*frame, arrived.arrived);
   answered.result.timestamp_ns = frame->timestamp_ns;
   monitor_.AddAnswer(answered.result, wait_ms, answered.decode_ms);
-  ShowPicture(*frame);
+  CountTiles();
+  ShowPicture(*frame, answered.result);
   return Publish(*frame, answered);
 }
 
@@ -139,9 +140,24 @@ ServeSession::Answered ServeSession::Answer(const IncomingFrame& frame, Clock::t
   return answered;
 }
 
-void ServeSession::ShowPicture(const IncomingFrame& frame) {
-  if (!http_ || frame.kind != FrameKind::kCompressed) return;
-  monitor_.SetPicture({frame.payload.owner, frame.data, "image/" + frame.encoding});
+void ServeSession::CountTiles() {
+  const TileMemory memory = engines_.engine().memory();
+  monitor_.Set(&MonitorSnapshot::num_tiles_loaded, memory.num_loaded);
+  monitor_.Set(&MonitorSnapshot::num_tile_loads, memory.num_loads);
+  monitor_.Set(&MonitorSnapshot::num_tiles_failed, memory.num_failed);
+  monitor_.Set(&MonitorSnapshot::tile_bytes, static_cast<std::int64_t>(memory.num_bytes));
+}
+
+void ServeSession::ShowPicture(const IncomingFrame& frame, const FrameResult& result) {
+  if (!http_) return;
+  FramePicture picture;
+  picture.timestamp_ns = frame.timestamp_ns;
+  picture.sight = result.sight;
+  if (frame.kind == FrameKind::kCompressed) {
+    picture.owner = frame.payload.owner, picture.bytes = frame.data;
+    picture.content_type = "image/" + frame.encoding;
+  }
+  monitor_.SetPicture(std::move(picture));
 }
 
 Status ServeSession::Publish(const IncomingFrame& frame, const Answered& answered) {
@@ -154,13 +170,15 @@ Status ServeSession::Publish(const IncomingFrame& frame, const Answered& answere
   if (status.ok() && result.pose) {
     status = publisher_.Send(kLocationFixTopic, PackLocationFix(result, bundle));
   }
-  if (recorder_) recorder_->AddAnswer(frame, packed, answered.stopped_at_step);
+  // What no map answered cannot be replayed.
+  if (recorder_ && !engines_.is_loading())
+    recorder_->AddAnswer(frame, packed, answered.stopped_at_step);
   return status;
 }
 
 // Tells those who keep to one engine that it is another now.
 void ServeSession::FollowEngine() {
-  if (generation_ == engines_.generation()) return;
+  if (engines_.is_loading() || generation_ == engines_.generation()) return;
   generation_ = engines_.generation();
   const FrameEngine& engine = engines_.engine();
   if (recorder_) recorder_->AddEngine(engine.bundle(), engine.camera());

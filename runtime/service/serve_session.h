@@ -37,7 +37,8 @@ class ServeSession {
   [[nodiscard]] Answered Answer(const IncomingFrame& frame,
                                 std::chrono::steady_clock::time_point arrived);
   void FollowEngine();
-  void ShowPicture(const IncomingFrame& frame);
+  void CountTiles();
+  void ShowPicture(const IncomingFrame& frame, const FrameResult& result);
   void Report();
 
   const ServeOptions& options_;

@@ -1,10 +1,15 @@
 #include "runtime/service/session_recorder.h"
 
 #include <chrono>
+#include <condition_variable>
 #include <ctime>
+#include <deque>
+#include <mutex>
+#include <thread>
 
 #include "common/base/log.h"
 #include "runtime/mcap/mcap_writer.h"
+#include "runtime/service/log_throttle.h"
 #include "runtime/service/messages.h"
 #include "runtime/service/recording_names.h"
 #include "runtime/service/topics.h"
@@ -32,9 +37,21 @@ std::filesystem::path FileIn(const std::filesystem::path& path) {
 }  // namespace
 
 struct SessionRecorder::Impl {
-  Impl(McapWriter mcap, ServiceMonitor& service_monitor)
-      : writer(std::move(mcap)), monitor(service_monitor) {}
+  Impl(McapWriter mcap, ServiceMonitor& service_monitor, RecorderLimits recorder_limits)
+      : writer(std::move(mcap)),
+        monitor(service_monitor),
+        limits(std::move(recorder_limits)),
+        thread([this] { Run(); }) {}
+  ~Impl() { Stop(); }
 
+  struct Job {
+    std::size_t num_bytes = 0;
+    std::function<void()> write;
+  };
+  // False where too much waits already.
+  bool Post(Job job, bool is_bounded);
+  void Run();
+  void Stop();
   // Counts, and tells a failure once.
   void Note(const Status& status) {
     monitor.Count(status.ok() ? &MonitorSnapshot::num_recorded
@@ -44,11 +61,60 @@ struct SessionRecorder::Impl {
   }
   Status AddChannels();
 
+  // The thread's, once it has a job.
   McapWriter writer;
   ServiceMonitor& monitor;
   bool has_failed = false;
   std::uint16_t compressed_id = 0, raw_id = 0, camera_id = 0, pose_id = 0;
+
+  const RecorderLimits limits;
+  bool has_gap = false;  // frames were left out since the last that was not
+  LogThrottle gap_log;
+  std::mutex mutex;  // guards what follows
+  std::condition_variable changed;
+  std::deque<Job> jobs;
+  std::size_t num_waiting_bytes = 0;
+  bool is_writing = false, stop = false;
+  std::thread thread;  // last: it uses the others
 };
+
+bool SessionRecorder::Impl::Post(Job job, bool is_bounded) {
+  {
+    const std::lock_guard lock(mutex);
+    if (is_bounded && num_waiting_bytes + job.num_bytes > limits.max_waiting_bytes) return false;
+    num_waiting_bytes += job.num_bytes;
+    jobs.push_back(std::move(job));
+  }
+  changed.notify_all();
+  return true;
+}
+
+void SessionRecorder::Impl::Run() {
+  std::unique_lock lock(mutex);
+  while (true) {
+    changed.wait(lock, [&] { return stop || !jobs.empty(); });
+    if (stop) return;
+    const Job job = std::move(jobs.front());
+    jobs.pop_front();
+    is_writing = true;
+    lock.unlock();
+    if (limits.before_write) limits.before_write();
+    job.write();
+    lock.lock();
+    is_writing = false;
+    num_waiting_bytes -= job.num_bytes;
+    changed.notify_all();
+  }
+}
+
+void SessionRecorder::Impl::Stop() {
+  {
+    const std::lock_guard lock(mutex);
+    stop = true;
+  }
+  changed.notify_all();
+  if (thread.joinable()) thread.join();
+}
 
 Status SessionRecorder::Impl::AddChannels() {
   struct Wanted {
@@ -81,10 +147,11 @@ const std::string& SessionRecorder::path() const { return impl_->writer.path(); 
 
 Result<std::unique_ptr<SessionRecorder>> SessionRecorder::Create(const std::filesystem::path& path,
                                                                  const LocalizerOptions& options,
-                                                                 ServiceMonitor& monitor) {
+                                                                 ServiceMonitor& monitor,
+                                                                 RecorderLimits limits) {
   auto writer = McapWriter::Create(FileIn(path));
   if (!writer.ok()) return writer.status();
-  auto impl = std::make_unique<Impl>(std::move(*writer), monitor);
+  auto impl = std::make_unique<Impl>(std::move(*writer), monitor, std::move(limits));
   std::string levers;
   for (const std::string& lever : options.add) levers += (levers.empty() ? "" : ",") + lever;
   Status status = impl->writer.WriteMetadata(recording::kOptions,
@@ -97,31 +164,54 @@ Result<std::unique_ptr<SessionRecorder>> SessionRecorder::Create(const std::file
 }
 
 void SessionRecorder::AddEngine(const BundleIdentity& bundle, const Camera& camera) {
-  impl_->Note(impl_->writer.WriteMetadata(recording::kMap,
+  Impl* const impl = impl_.get();
+  const auto write = [=] {
+    impl->Note(impl->writer.WriteMetadata(recording::kMap,
                                           {{recording::kMapName, bundle.name},
                                            {recording::kMapId, bundle.id},
                                            {recording::kMapBuild, std::to_string(bundle.build)}}));
-  const std::uint64_t now_ns = NowNs();
-  impl_->Note(
-      impl_->writer.WriteMessage(impl_->camera_id, now_ns, now_ns,
-                                 PackCalibration(static_cast<std::int64_t>(now_ns), camera)));
+    const std::uint64_t now_ns = NowNs();
+    impl->Note(
+        impl->writer.WriteMessage(impl->camera_id, now_ns, now_ns,
+                                  PackCalibration(static_cast<std::int64_t>(now_ns), camera)));
+  };
+  impl->has_gap = false;  // the engine starts anew
+  static_cast<void>(impl->Post({0, write}, false));
 }
 
 void SessionRecorder::AddAnswer(const IncomingFrame& frame, std::span<const std::uint8_t> answer,
                                 int stopped_at_step) {
+  Impl* const impl = impl_.get();
   const std::uint64_t now_ns = NowNs();
   const auto captured_ns = static_cast<std::uint64_t>(frame.timestamp_ns);
-  if (stopped_at_step > 0) {
-    impl_->Note(impl_->writer.WriteMetadata(recording::kDeadline,
-                                            {{recording::kStep, std::to_string(stopped_at_step)}}));
-  }
   const std::uint16_t frame_id =
-      frame.kind == FrameKind::kCompressed ? impl_->compressed_id : impl_->raw_id;
-  impl_->Note(impl_->writer.WriteMessage(frame_id, now_ns, captured_ns, frame.payload.bytes));
-  impl_->Note(impl_->writer.WriteMessage(impl_->pose_id, now_ns, captured_ns, answer));
+      frame.kind == FrameKind::kCompressed ? impl->compressed_id : impl->raw_id;
+  const bool is_after_gap = impl->has_gap;
+  const auto write = [=, payload = frame.payload,
+                      copy = std::vector<std::uint8_t>(answer.begin(), answer.end())] {
+    if (is_after_gap) impl->Note(impl->writer.WriteMetadata(recording::kGap, {}));
+    if (stopped_at_step > 0) {
+      impl->Note(impl->writer.WriteMetadata(recording::kDeadline,
+                                            {{recording::kStep, std::to_string(stopped_at_step)}}));
+    }
+    impl->Note(impl->writer.WriteMessage(frame_id, now_ns, captured_ns, payload.bytes));
+    impl->Note(impl->writer.WriteMessage(impl->pose_id, now_ns, captured_ns, copy));
+  };
+  impl->has_gap = !impl->Post({frame.payload.bytes.size() + answer.size(), write}, true);
+  if (!impl->has_gap) return;
+  impl->monitor.Count(&MonitorSnapshot::num_not_recorded, 2);
+  impl->gap_log.Warn(path() + ": the disk is too slow, frames are missing from the recording");
 }
 
 void SessionRecorder::Finish() {
+  {
+    std::unique_lock lock(impl_->mutex);
+    impl_->changed.wait_for(lock, std::chrono::duration<double>(impl_->limits.finish_patience_s),
+                            [&] { return impl_->jobs.empty() && !impl_->is_writing; });
+  }
+  impl_->Stop();
+  const auto num_lost = static_cast<std::int64_t>(2 * impl_->jobs.size());
+  if (num_lost > 0) impl_->monitor.Count(&MonitorSnapshot::num_not_recorded, num_lost);
   if (!impl_->has_failed) impl_->Note(impl_->writer.Finish());
 }
 

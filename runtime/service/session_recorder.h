@@ -3,6 +3,7 @@
 // schemas/messages.md tells what it holds.
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 
@@ -13,11 +14,20 @@ namespace panofix {
 
 struct IncomingFrame;
 
+struct RecorderLimits {
+  // Frames that wait for the disk; what comes beyond is left out of the recording and counted.
+  std::size_t max_waiting_bytes = std::size_t{64} << 20;
+  double finish_patience_s = 0.5;      // for what waits at the end
+  std::function<void()> before_write;  // for tests: a slow disk
+};
+
+// Writes in a thread of its own, so that no answer waits for the disk. Used by one thread.
 class SessionRecorder {
  public:
   // `path`: a file that is not there yet, or a folder, where the file is named after the time.
   [[nodiscard]] static Result<std::unique_ptr<SessionRecorder>> Create(
-      const std::filesystem::path& path, const LocalizerOptions& options, ServiceMonitor& monitor);
+      const std::filesystem::path& path, const LocalizerOptions& options, ServiceMonitor& monitor,
+      RecorderLimits limits = {});
   ~SessionRecorder();
   SessionRecorder(const SessionRecorder&) = delete;
   SessionRecorder& operator=(const SessionRecorder&) = delete;
@@ -26,10 +36,11 @@ class SessionRecorder {
   void AddEngine(const BundleIdentity& bundle, const Camera& camera);
   // A frame and its answer (a packed LocalizationResult). `stopped_at_step`: the question of
   // TimeIsUp that ended the work, counting from 1; 0 = none. A disk that fails ends the recording,
-  // with an error in the log, and nothing else.
+  // with an error in the log, and nothing else; one that is too slow leaves a gap, after which a
+  // replay no longer compares.
   void AddAnswer(const IncomingFrame& frame, std::span<const std::uint8_t> answer,
                  int stopped_at_step);
-  // Ends the file; without it the file is as after a crash.
+  // Ends the file; without it the file is as after a crash. Does not wait long for a slow disk.
   void Finish();
   [[nodiscard]] const std::string& path() const;
 

@@ -142,10 +142,33 @@ TEST(LivePage, ShowsTheTrailAndAClickTellsOfAnAnswer) {
     return browser.Run("return document.getElementById('detail').dataset.answer") == "3";
   }));
   EXPECT_NE(text_of("detail").get<std::string>().find("degraded"), std::string::npos);
+  // The frame's answer beside the view that it rests on.
+  auto sight = std::make_shared<FrameSight>();
+  sight->panorama = "<b>p</b>", sight->width_px = 100, sight->height_px = 80;
+  sight->pairs.push_back({{10, 20}, {30, 40}});
+  sight->landmarks_px.push_back({50, 60});
+  FramePicture picture;
+  picture.timestamp_ns = FixAt(7).timestamp_ns, picture.sight = sight;
+  EXPECT_EQ(browser.Run("return document.getElementById('sight').hidden"), true);
+  monitor.SetPicture(picture);
   // What was chosen stays while frames come in.
   monitor.AddAnswer(FixAt(7), 1, 2);
   EXPECT_TRUE(Eventually([&] { return browser.Run("return trail.length") == 7; }));
   EXPECT_EQ(browser.Run("return document.getElementById('detail').dataset.answer"), "3");
+  EXPECT_TRUE(Eventually(
+      [&] { return browser.Run("return document.getElementById('sight').hidden") == false; }));
+  EXPECT_NE(text_of("frame-note").get<std::string>().find("<b>p</b>"), std::string::npos);
+  // Two pictures of 100 px with 2 px between: the landmark and half of the line are in the right
+  // one.
+  EXPECT_EQ(browser.Run("const c = document.getElementById('sight'); return [c.width, c.height]"),
+            Json({202, 80}));
+  const Json paint = browser.Run(
+      "const at = (x, y) => [...document.getElementById('sight').getContext('2d')"
+      ".getImageData(x, y, 1, 1).data].slice(0, 3).reduce((a, b) => a + b);"
+      "return [at(102 + 50, 60), at(102 + 90, 70), at(71, 30)]");
+  EXPECT_GT(paint[0], 200);  // a landmark
+  EXPECT_LT(paint[1], 100);  // nothing
+  EXPECT_GT(paint[2], 0);    // the line between (10, 20) and (132, 40)
 }
 
 }  // namespace

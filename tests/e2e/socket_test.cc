@@ -124,7 +124,10 @@ TEST_F(Sockets, PosesAreThoseOfLocalize) {
   const std::vector<PoseRow> expected = ReadPosesCsv(direct).value();
 
   Process serve(ServeCommand());
-  ASSERT_TRUE(Eventually([&] { return IsOpen(poses_port_); })) << serve.Errors();
+  // With the map open: until then frames are answered "map_loading".
+  ASSERT_TRUE(Eventually([&] {
+    return serve.Errors().find("bundle map, build") != std::string::npos && IsOpen(poses_port_);
+  })) << serve.Errors();
   std::vector<std::string> command = RecordCommand(out);
   command.insert(command.end(), {"--count", std::to_string(expected.size()), "--idle-timeout-s",
                                  std::to_string(kPatience_s)});

@@ -86,7 +86,7 @@ const std::vector<Door>& Doors() {
 // The C library, the kernel and the processor: no third party.
 bool IsPlatformHeader(const std::string& target) {
   static const std::regex platform(
-      R"(^((sys|netinet|arpa|linux)/.*|(unistd|fcntl|poll|spawn|signal|stdlib|string|time|errno|dirent|dlfcn|stdarg|pthread|sched|glob|netdb|termios|cpuid|[a-z]*intrin)\.h)$)");
+      R"(^((sys|netinet|arpa|linux)/.*|(unistd|fcntl|poll|spawn|signal|stdlib|string|time|errno|dirent|dlfcn|stdarg|pthread|sched|glob|netdb|malloc|termios|cpuid|[a-z]*intrin)\.h)$)");
   return target.find_first_of("./") == std::string::npos || std::regex_match(target, platform);
 }
 

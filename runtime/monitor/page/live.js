@@ -125,14 +125,59 @@ function plotStatus(points) {
   });
 }
 
+// The frame on the left, on the right the view of the map that shows most of it: a map has no
+// pictures, so its landmarks. Lines join what agrees with the pose.
+function drawSight(image, sight) {
+  const canvas = byId('sight'), [w, h] = sight.size, gap = w / 50, x0 = w + gap;
+  const dot = Math.max(2, w / 200);
+  canvas.width = 2 * w + gap;
+  canvas.height = h;
+  const context = canvas.getContext('2d');
+  if (image) context.drawImage(image, 0, 0, w, h);
+  context.fillStyle = '#10151c';
+  context.fillRect(x0, 0, w, h);
+  context.fillStyle = '#8aa0b8';
+  for (const [x, y] of sight.landmarks) {
+    context.fillRect(x0 + x - dot / 2, y - dot / 2, dot, dot);
+  }
+  context.lineWidth = w / 500;
+  sight.pairs.forEach(([fx, fy, vx, vy], i) => {
+    context.strokeStyle = `hsl(${i * 137.5 % 360} 85% 60%)`;
+    context.globalAlpha = 0.35;
+    context.beginPath();
+    context.moveTo(fx, fy);
+    context.lineTo(x0 + vx, vy);
+    context.stroke();
+    context.globalAlpha = 1;
+    for (const [x, y] of [[fx, fy], [x0 + vx, vy]]) {
+      context.beginPath();
+      context.arc(x, y, w / 130, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  });
+}
+
 async function showPicture() {
   const answer = await fetch('api/frame');
-  if (answer.status !== 200) return;
-  const image = byId('frame'), old = image.src;
-  image.src = URL.createObjectURL(await answer.blob());
-  image.hidden = false;
-  if (old) URL.revokeObjectURL(old);
+  const sight = await (await fetch('api/sight')).json();
+  const time_ns = answer.headers.get('X-Timestamp-Ns'), image = byId('frame'), old = image.src;
+  const hasPicture = answer.status === 200;
+  // Of the same frame, unless a newer one came in between.
+  const hasSight = sight !== null && sight.timestamp_ns === time_ns;
+  if (!hasPicture && !hasSight) return;
+  const blob = hasPicture ? await answer.blob() : null;
+  if (hasPicture) {
+    image.src = URL.createObjectURL(blob);
+    if (old) URL.revokeObjectURL(old);
+  }
+  image.hidden = !hasPicture || hasSight;
+  byId('sight').hidden = !hasSight;
   byId('frame-note').textContent = 'newest frame';
+  if (!hasSight) return;
+  drawSight(hasPicture ? await createImageBitmap(blob) : null, sight);
+  byId('frame-note').textContent = `newest frame, and landmarks of the view that shows most of it ` +
+    `(${sight.from_panorama_m.toFixed(1)} m from panorama ${sight.panorama}); lines: ` +
+    `${sight.pairs.length} keypoints that agree with the pose`;
 }
 
 function showHeader(live) {

@@ -61,10 +61,10 @@ TEST(BundleParts, TilesOpenAsTheyWereWritten) {
         const MapBundle::LandmarkList list = bundle.LandmarksOf(view);
         for (std::size_t i = 0; i < list.size(); ++i) shown.push_back(list[i]);
         EXPECT_EQ(shown, of_view[view]) << view;
-        ASSERT_EQ(bundle.bags()[view].size(), 2U);
-        EXPECT_EQ(bundle.bags()[view][0].word, view);
+        ASSERT_EQ(bundle.BagOf(view).size(), 2U);
+        EXPECT_EQ(bundle.BagOf(view)[0].word, view);
         // Eight bits a weight.
-        EXPECT_NEAR(double{bundle.bags()[view][0].weight}, 0.6, 0.5 / 255);
+        EXPECT_NEAR(double{bundle.BagOf(view)[0].weight}, 0.6, 0.5 / 255);
       }
       first_id += static_cast<std::uint32_t>(written.landmarks.size());
     }

@@ -125,7 +125,7 @@ TEST(MapBundle, EveryViewHasItsOwnLandmarksAndWords) {
       if ((n + slot) % 3 != 0) expected.push_back(n + (second ? 5 : 0));
     }
     EXPECT_EQ(shown, expected) << view;
-    const BagOfWords& bag = bundle->bags()[view];
+    const BagOfWords& bag = bundle->BagOf(view);
     ASSERT_EQ(bag.size(), 2U);
     EXPECT_EQ(bag[0].word, view % 4);
     EXPECT_EQ(bag[1].word, 4 + view % 2);
@@ -249,7 +249,7 @@ TEST(MapBundle, ABundleWithoutLandmarksOpens) {
   ASSERT_TRUE(bundle);
   EXPECT_EQ(bundle->num_landmarks(), 0U);
   EXPECT_EQ(bundle->LandmarksOf(9).size(), 0U);
-  EXPECT_TRUE(bundle->bags()[9].empty());
+  EXPECT_TRUE(bundle->BagOf(9).empty());
 }
 
 // A tile without landmarks takes no id from its neighbour.

@@ -22,7 +22,7 @@ TEST(InvertedIndex, ScoresAreThePairwiseSimilarities) {
   const Vocabulary vocabulary = RandomVocabulary(&rng);
   std::vector<BagOfWords> bags = RandomBags(vocabulary, 60, &rng);
   bags[17] = {};
-  const InvertedIndex index(bags, vocabulary.num_words());
+  const InvertedIndex index(bags);
   EXPECT_EQ(index.num_views(), 60U);
   for (const BagOfWords& query : RandomBags(vocabulary, 10, &rng)) {
     const std::vector<float> scores = index.Score(query);
@@ -35,11 +35,11 @@ TEST(InvertedIndex, ScoresAreThePairwiseSimilarities) {
 TEST(InvertedIndex, EmptyAndForeignQueries) {
   Rng rng(1, "tests/foreign");
   const Vocabulary vocabulary = RandomVocabulary(&rng);
-  const InvertedIndex index(RandomBags(vocabulary, 3, &rng), vocabulary.num_words());
+  const InvertedIndex index(RandomBags(vocabulary, 3, &rng));
   EXPECT_EQ(index.Score({}), std::vector<float>(3, 0.0F));
   EXPECT_EQ(index.Score({{52, 1.0F}, {~0U, 1.0F}}), std::vector<float>(3, 0.0F));
   EXPECT_TRUE(InvertedIndex().Score({{0, 1.0F}}).empty());
-  EXPECT_EQ(InvertedIndex({}, 10).num_views(), 0U);
+  EXPECT_EQ(InvertedIndex(std::span<const BagOfWords>{}).num_views(), 0U);
 }
 
 }  // namespace

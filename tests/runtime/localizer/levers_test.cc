@@ -77,8 +77,8 @@ TEST(EstimatorOptions, FollowTheLevers) {
   EXPECT_TRUE(letter.use_kvld);
   EXPECT_FALSE(letter.use_sigmas || letter.refine.use_point_sigma || letter.match.mutual);
   EXPECT_FALSE(PaperOptionsFor(all, camera, 1).use_kvld);
-  EXPECT_FALSE(RetrievalOptionsFor(paper, *bundle).use_landmarks);
-  EXPECT_TRUE(RetrievalOptionsFor(all, *bundle).use_landmarks);
+  EXPECT_FALSE(RetrievalOptionsFor(paper, *bundle, 0).use_landmarks);
+  EXPECT_TRUE(RetrievalOptionsFor(all, *bundle, 0).use_landmarks);
 
   const PoseOptions ours = PoseOptionsFor(all, *bundle, camera, 1), given;
   EXPECT_TRUE(ours.use_guided);

@@ -103,7 +103,13 @@ TEST_F(MonitorHttp, PictureIsTheNewestFrame) {
   EXPECT_EQ(Get("/api/frame").status, 404);
   const auto bytes =
       std::make_shared<std::vector<std::uint8_t>>(std::vector<std::uint8_t>{1, 0, 2});
-  monitor_.SetPicture({bytes, *bytes, "image/jpeg"});
+  auto sight = std::make_shared<FrameSight>();
+  sight->panorama = "p\xff", sight->width_px = 64, sight->height_px = 48;
+  sight->pairs.push_back({{1, 2}, {3, 4}});
+  EXPECT_EQ(Get("/api/sight").body, "null");
+  monitor_.SetPicture({bytes, *bytes, "image/jpeg", 77, sight});
+  EXPECT_NE(Get("/api/sight").body.find("\"pairs\":[[1.0,2.0,3.0,4.0]]"), std::string::npos);
+  EXPECT_EQ(Get("/api/frame").get_header_value("X-Timestamp-Ns"), "77");
   const auto response = Get("/api/frame");
   EXPECT_EQ(response.body, std::string("\1\0\2", 3));
   EXPECT_EQ(response.get_header_value("Content-Type"), "image/jpeg");

@@ -9,13 +9,16 @@
 namespace panofix {
 namespace {
 
-const LandmarkVotes& Votes() {
-  static const LandmarkVotes votes(Street().bundle(), {});
-  return votes;
-}
-
 std::vector<float> Score(const FrameFeatures& frame, const std::vector<char>& wanted = {}) {
-  return Votes().Score(frame.sift, frame.bearings, Street().camera(), wanted);
+  const MapBundle& bundle = *Street().bundle();
+  const Voters voters(bundle.vocabulary(), frame.sift, frame.bearings, Street().camera(), {});
+  std::vector<float> scores(bundle.views().size(), 0);
+  for (std::size_t tile = 0; tile < bundle.tiles().size(); ++tile) {
+    const TileVotes votes(bundle, tile, WordsOfLandmarks(bundle, tile),
+                          LocalFrame::At(bundle.panoramas().front()), {});
+    votes.Score(voters, wanted, &scores);
+  }
+  return scores;
 }
 
 std::size_t BestOf(const std::vector<float>& scores) {

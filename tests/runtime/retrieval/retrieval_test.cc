@@ -65,11 +65,11 @@ class RetrievalTest : public testing::Test {
                                                   const RetrievalOptions& options) const {
     std::vector<std::uint32_t> candidates;
     for (std::uint32_t v = 0; v < kViews; ++v) {
-      if (panoramas.count(PanoramaOf(v)) > 0 && Similarity(query, bundle_->bags()[v]) > 0)
+      if (panoramas.count(PanoramaOf(v)) > 0 && Similarity(query, bundle_->BagOf(v)) > 0)
         candidates.push_back(v);
     }
     std::stable_sort(candidates.begin(), candidates.end(), [&](std::uint32_t a, std::uint32_t b) {
-      return Similarity(query, bundle_->bags()[a]) > Similarity(query, bundle_->bags()[b]);
+      return Similarity(query, bundle_->BagOf(a)) > Similarity(query, bundle_->BagOf(b));
     });
     std::vector<std::uint32_t> kept;
     std::map<std::uint32_t, int> taken;
@@ -107,7 +107,7 @@ class RetrievalTest : public testing::Test {
     return options;
   }
   [[nodiscard]] RetrievalQuery Query(const BagOfWords& bag) const {
-    return {bag, no_features_, {}, bundle_->manifest().camera};
+    return {bag, no_features_, {}, bundle_->manifest().camera, {}};
   }
   TempFolder folder_;
   const FeatureSet no_features_;
@@ -119,7 +119,7 @@ class RetrievalTest : public testing::Test {
 TEST_F(RetrievalTest, AViewFindsItself) {
   const Retrieval retrieval = With(3, 4);
   for (const std::uint32_t view : {0U, 10U, 53U}) {
-    const RetrievalResult result = retrieval.Global(Query(bundle_->bags()[view]));
+    const RetrievalResult result = retrieval.Global(Query(bundle_->BagOf(view)));
     ASSERT_EQ(result.views.size(), 3U);
     EXPECT_EQ(result.views[0].view_idx, view);  // 10 before its double 11
     EXPECT_NEAR(double{result.views[0].similarity}, 1, 1e-5);
@@ -135,7 +135,7 @@ TEST_F(RetrievalTest, GlobalIsTheOracleOverAllViews) {
       EXPECT_EQ(IndicesOf(result), Oracle(query, AllPanoramas(), Options(num_views, most)));
       EXPECT_EQ(result.num_compared, kViews);
       for (const RetrievedView& v : result.views) {
-        EXPECT_EQ(v.similarity, Similarity(query, bundle_->bags()[v.view_idx]));
+        EXPECT_EQ(v.similarity, Similarity(query, bundle_->BagOf(v.view_idx)));
       }
     }
   }
@@ -148,7 +148,7 @@ TEST_F(RetrievalTest, GlobalTellsEachPanoramasBest) {
   std::vector<float> expected(kPanoramas, 0);
   for (std::uint32_t v = 0; v < kViews; ++v) {
     expected[PanoramaOf(v)] =
-        std::max(expected[PanoramaOf(v)], Similarity(query, bundle_->bags()[v]));
+        std::max(expected[PanoramaOf(v)], Similarity(query, bundle_->BagOf(v)));
   }
   EXPECT_EQ(best, expected);
 }
@@ -199,8 +199,8 @@ TEST_F(RetrievalTest, InRowsIsTheBestAndItsRow) {
     for (std::uint32_t v = around % 2; v < kViews; v += 2) {
       if ((PanoramaOf(v) + kPanoramas - PanoramaOf(around)) % kPanoramas > 5) continue;
       ++num_views;
-      const float similarity = Similarity(query, bundle_->bags()[v]);
-      if (similarity > (best ? Similarity(query, bundle_->bags()[*best]) : 0.0F)) best = v;
+      const float similarity = Similarity(query, bundle_->BagOf(v));
+      if (similarity > (best ? Similarity(query, bundle_->BagOf(*best)) : 0.0F)) best = v;
     }
     const RetrievalResult result =
         retrieval.InRows(Query(query), std::vector<std::uint32_t>{around}, false);

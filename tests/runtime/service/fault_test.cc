@@ -13,6 +13,13 @@ namespace {
 
 using namespace service_test;
 
+// From being told to the end; a sanitizer makes all of it slower.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr std::chrono::seconds kStop(10);
+#else
+constexpr std::chrono::seconds kStop(1);
+#endif
+
 auto HasTime(std::int64_t timestamp_ns) {
   return [=](const ReceivedResult& result) { return result.row.timestamp_ns == timestamp_ns; };
 }
@@ -116,6 +123,25 @@ TEST_F(Faults, ASubscriberThatNeverReadsHoldsNobodyUp) {
                         [&](const ReceivedResult&) { return ++num_answers == 500; }));
 }
 
+// One that takes a message now and then gets what it can take, and the others all.
+TEST_F(Faults, ASlowSubscriberSlowsNobody) {
+  Publisher camera = OpenPublisher();
+  RunningServe serve(ServeOptionsFor(camera.endpoint()), source_);
+  zmq::socket_t slow(context_, zmq::socket_type::sub);
+  slow.set(zmq::sockopt::linger, 0);
+  slow.set(zmq::sockopt::rcvhwm, 1);
+  slow.set(zmq::sockopt::subscribe, "");
+  slow.connect(serve.poses());
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  const auto frame = PackFrame(1, SampleJpeg());
+  int num_answers = 0, num_slow = 0;
+  EXPECT_TRUE(SendUntil(camera, kFrameTopic, frame, poses, [&](const ReceivedResult&) {
+    zmq::message_t part;
+    if (++num_answers % 20 == 0 && slow.recv(part, zmq::recv_flags::dontwait)) ++num_slow;
+    return num_answers >= 300 && num_slow > 2;
+  }));
+}
+
 TEST_F(Faults, AFullDiskEndsTheRecordingAndNothingElse) {
   constexpr rlim_t kLimit_bytes = 60'000;
   rlimit old{};
@@ -165,7 +191,9 @@ TEST_F(Faults, ToldToStopInTheMiddleOfAFrameItLeavesIt) {
     SleepMs(1);
     return source_.num_begun > before;
   }));
+  const auto told = std::chrono::steady_clock::now();
   EXPECT_TRUE(serve.Stop().ok());
+  EXPECT_LT(std::chrono::steady_clock::now() - told, kStop);
   EXPECT_EQ(source_.num_localized, seen);
 }
 

@@ -3,6 +3,7 @@
 
 #include "runtime/mcap/mcap_reader.h"
 #include "runtime/service/replay.h"
+#include "runtime/service/session_recorder.h"
 #include "tests/runtime/service/service_support.h"
 
 namespace panofix {
@@ -74,7 +75,7 @@ class RunRecording : public ServiceTest {
       auto jpeg = SampleJpeg();
       if (time_ns % 7 == 0) jpeg.resize(jpeg.size() / 2);
       const auto payload =
-          time_ns % 3 == 0 ? PackRawFrame(time_ns, SampleImage()) : PackFrame(time_ns, jpeg);
+          time_ns / 8 % 2 == 0 ? PackRawFrame(time_ns, SampleImage()) : PackFrame(time_ns, jpeg);
       EXPECT_TRUE(camera.Send(kFrameTopic, payload).ok());
       ++time_ns;
       if (const auto message = ReceiveOne(poses, 15)) {
@@ -115,6 +116,63 @@ TEST_F(RunRecording, AReplayIsTheSameBitForBitDeadlinesIncluded) {
   // Without both kinds this would show little.
   EXPECT_GT(num_late, 0);
   EXPECT_GT(num_undecodable, 0);
+}
+
+// The disk stands still for a while; nobody waits for it.
+TEST_F(RunRecording, ASlowDiskLeavesAGapThatIsCountedAndNotCompared) {
+  ServiceMonitor monitor;
+  std::atomic<bool> is_stuck{true};
+  RecorderLimits limits;
+  limits.finish_patience_s = 60;
+  limits.max_waiting_bytes = 20'000;
+  limits.before_write = [&] {
+    while (is_stuck) SleepMs(1);
+  };
+  auto recorder = ValueOrThrow(SessionRecorder::Create(file_, {}, monitor, limits));
+  CountingEngine engine(0, SampleCamera());
+  recorder->AddEngine(engine.bundle(), engine.camera());
+  const auto answer = [&](std::int64_t time_ns) {
+    const WireBytes payload = WireBytes::Copy(PackFrame(time_ns, SampleJpeg()));
+    const IncomingFrame frame = ValueOrThrow(UnpackFrame(payload));
+    const FrameResult result = engine.Localize(time_ns, ValueOrThrow(ConvertFrame(frame)), {});
+    recorder->AddAnswer(frame, PackResult(result, engine.bundle()), 0);
+  };
+  for (std::int64_t t = 1; t <= 50; ++t) answer(t);
+  const std::int64_t num_lost = monitor.Snapshot().num_not_recorded;
+  EXPECT_GT(num_lost, 0);
+  is_stuck = false;
+  EXPECT_TRUE(Eventually([&] {
+    SleepMs(1);
+    return monitor.Snapshot().num_recorded >= 2 + 100 - num_lost;
+  }));
+  for (std::int64_t t = 51; t <= 55; ++t) answer(t);
+  recorder->Finish();
+  const ReplayReport report = ReplayWith(0);
+  EXPECT_FALSE(report.was_cut);
+  EXPECT_EQ(report.num_different, 0);
+  EXPECT_EQ(report.num_frames, 55 - num_lost / 2);
+  EXPECT_EQ(report.num_not_compared, 5);
+}
+
+TEST_F(RunRecording, ADiskThatStandsStillDoesNotHoldUpTheEnd) {
+  ServiceMonitor monitor;
+  std::atomic<bool> is_stuck{true};
+  RecorderLimits limits;
+  limits.finish_patience_s = 0.05;
+  limits.before_write = [&] {
+    for (int i = 0; i < 300 && is_stuck; ++i) SleepMs(1);
+  };
+  auto recorder = ValueOrThrow(SessionRecorder::Create(file_, {}, monitor, limits));
+  CountingEngine engine(0, SampleCamera());
+  recorder->AddEngine(engine.bundle(), engine.camera());
+  const WireBytes payload = WireBytes::Copy(PackFrame(1, SampleJpeg()));
+  const IncomingFrame frame = ValueOrThrow(UnpackFrame(payload));
+  for (int i = 0; i < 5; ++i)
+    recorder->AddAnswer(frame, PackResult(SampleFix(1), engine.bundle()), 0);
+  recorder->Finish();  // one write, not six
+  is_stuck = false;
+  EXPECT_EQ(monitor.Snapshot().num_not_recorded, 10);
+  EXPECT_FALSE(ReplayWith(0).was_cut);
 }
 
 TEST_F(RunRecording, ADifferentAnswerIsFound) {

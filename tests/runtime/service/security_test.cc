@@ -1,5 +1,6 @@
 // Keys, the list of those who may connect, and what plain sockets may be bound to.
 #include <gtest/gtest.h>
+#include <httplib.h>
 #include <sys/stat.h>
 
 #include <fstream>
@@ -114,6 +115,31 @@ TEST_F(Secured, AFeedThatIsBoundTakesListedCamerasOnly) {
     return receiver->counters().frames > 10 && receiver->counters().denied > 0;
   }));
   EXPECT_EQ(receiver->TakeFrame(std::chrono::milliseconds(0))->payload.bytes.size(), 4U);
+}
+
+TEST_F(Secured, AStrangerHearsNothingOfTheServiceAndIsCounted) {
+  FakeSource source;
+  Publisher camera = OpenPublisher();
+  ServeOptions options = ServeOptionsFor(camera.endpoint());
+  options.poses_security.own = server_;
+  options.poses_security.client_keys = {friend_.public_key};
+  options.http_port = 0;
+  std::atomic<int> port{0};
+  options.on_http = [&](int bound) { port = bound; };
+  RunningServe serve(options, source);
+  Subscriber friendly = Connect(serve.poses(), ForClient(friend_));
+  Subscriber strange = Connect(serve.poses(), ForClient(stranger_));
+  bool is_counted = false;
+  EXPECT_TRUE(SendUntil(
+      camera, kFrameTopic, PackFrame(5, SampleJpeg()), friendly, [&](const ReceivedResult&) {
+        EXPECT_FALSE(ReceiveOne(strange, 5).has_value());
+        const auto page = httplib::Client("127.0.0.1", port).Get("/metrics");
+        const std::string name = "panofix_peers_denied_total{socket=\"poses\"} ";
+        const auto at = page ? page->body.find(name) : std::string::npos;
+        is_counted = at != std::string::npos && std::stod(page->body.substr(at + name.size())) > 0;
+        return is_counted;
+      }));
+  EXPECT_TRUE(is_counted);
 }
 
 TEST_F(Secured, TheWholeServiceRunsEncrypted) {

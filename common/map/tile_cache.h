@@ -1,0 +1,69 @@
+#pragma once
+// The tiles of an open bundle: in memory while they are wanted; after they were dropped, read and
+// verified again when they are next asked for.
+
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "common/base/status.h"
+#include "common/io/unique_fd.h"
+#include "common/map/manifest.h"
+#include "common/map/map_tile.h"
+
+namespace panofix {
+
+class TileCache {
+ public:
+  // Makes a tile of a verified file.
+  using Parse = std::function<Result<MapTile>(int fd, const std::string& name)>;
+
+  // Reads one tile more from `fd`, which is kept: a file that is deleted later can be read on.
+  // kChecksumMismatch, and what `parse` says. Not thread-safe.
+  [[nodiscard]] Status Add(const BundlePart& part, UniqueFd fd, const std::string& name,
+                           const Parse& parse);
+
+  [[nodiscard]] std::size_t size() const { return entries_.size(); }
+  // Reads it where it is not in memory. One that cannot be read any more, or has changed, counts as
+  // failed: an error in the log, and a tile of as many views without a landmark from then on.
+  [[nodiscard]] const MapTile& Get(std::size_t tile) const {
+    const MapTile* loaded = entries_[tile].loaded.load(std::memory_order_acquire);
+    return loaded != nullptr ? *loaded : Load(tile);
+  }
+  [[nodiscard]] bool IsLoaded(std::size_t tile) const {
+    return entries_[tile].loaded.load(std::memory_order_acquire) != nullptr;
+  }
+  // REQUIRES: nobody uses the tile or a span of it.
+  void Drop(std::size_t tile) const;
+
+  // Memory that the tile takes while it is loaded, and that all loaded ones take.
+  [[nodiscard]] std::uint64_t num_bytes(std::size_t tile) const;
+  [[nodiscard]] std::uint64_t num_loaded_bytes() const { return num_loaded_bytes_; }
+  // Since the bundle was opened, the first time included.
+  [[nodiscard]] std::int64_t num_loads() const { return num_loads_; }
+  [[nodiscard]] std::int64_t num_failed() const { return num_failed_; }
+
+ private:
+  struct Entry {
+    BundlePart part;
+    UniqueFd fd;
+    std::string name;
+    std::size_t num_views = 0;
+    mutable std::mutex mutex;  // held while it is read
+    mutable std::unique_ptr<const MapTile> tile;
+    mutable std::atomic<const MapTile*> loaded{nullptr};
+  };
+  [[nodiscard]] Result<MapTile> Read(const Entry& entry) const;
+  [[nodiscard]] const MapTile& Load(std::size_t tile) const;
+
+  std::deque<Entry> entries_;
+  Parse parse_;
+  mutable std::atomic<std::uint64_t> num_loaded_bytes_{0};
+  mutable std::atomic<std::int64_t> num_loads_{0}, num_failed_{0};
+};
+
+}  // namespace panofix
