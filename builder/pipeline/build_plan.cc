@@ -173,6 +173,9 @@ void TakeRelease(const BuildOptions& options, const WorkFolder& work, BuildPlan*
       ReadRelease(options.vocabulary, options.extract.features.root_sift);
   WriteIfChanged(work.release(), release.bytes);
   plan->vocabulary_sha256 = release.sha256;
+  // What the map states of its words is what it has.
+  plan->options.num_sift_words = static_cast<int>(release.vocabulary.sift.num_words);
+  plan->options.num_mser_words = static_cast<int>(release.vocabulary.mser.num_words);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "builder/train/tree_trainer.h"
+#include "common/base/log.h"
 #include "common/base/rng.h"
 #include "common/map/landmark_codes.h"
 
@@ -82,6 +83,15 @@ Vocabulary TrainVocabulary(const TrainingSample& sample, const VocabularyStageOp
   vocabulary.sift = TrainTree(sample.sift, tree, "train/sift");
   tree.num_words = options.num_mser_words;
   vocabulary.mser = TrainTree(sample.mser, tree, "train/mser");
+  const auto warn_of_few = [](const char* kind, std::uint32_t num_words, int asked) {
+    constexpr double kFew = 0.8;
+    if (num_words < kFew * asked) {
+      LogWarning(Format("%u %s words instead of %d: the data set has too few different features",
+                        num_words, kind, asked));
+    }
+  };
+  warn_of_few("SIFT", vocabulary.sift.num_words, options.num_sift_words);
+  warn_of_few("MSER", vocabulary.mser.num_words, options.num_mser_words);
   if (options.pack) {
     RoundToPacked(&vocabulary.sift);
     RoundToPacked(&vocabulary.mser);

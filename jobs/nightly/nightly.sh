@@ -26,15 +26,20 @@ fail() {
 case ${1:-} in -h | --help) usage; exit 0 ;; esac
 [ $# -eq 1 ] || { usage >&2; exit 64; }
 [ -r "$1" ] || { echo "nightly.sh: $1: cannot be read; name the night's config" >&2; exit 66; }
-drives=() build_options=() gate_options=() snakemake_options=()
+name='' drives=() build_options=() gate_options=() snakemake_options=()
 builder=panofix-builder engine=none keep_logs=30
 # shellcheck source=/dev/null
 . "$(realpath "$1")"
-for name in panoramas camera folder; do
-  [ -n "${!name:-}" ] || { echo "nightly.sh: $1: '$name' is not set; write $name=..." >&2; exit 64; }
+for setting in panoramas camera folder; do
+  [ -n "${!setting:-}" ] || {
+    echo "nightly.sh: $1: '$setting' is not set; write $setting=..." >&2
+    exit 64
+  }
 done
 mkdir -p "$folder/log" "$folder/bundles"
-folder=$(realpath "$folder")
+# An engine works from another folder.
+folder=$(realpath "$folder") panoramas=$(realpath "$panoramas") camera=$(realpath "$camera")
+case $builder in */*) builder=$(realpath "$builder") ;; esac
 
 exec 9>"$folder/lock"
 flock --nonblock 9 || {
@@ -47,13 +52,14 @@ exec > >(tee -a "$log") 2>&1
 # Whatever ends the script, its last words are in the log.
 trap 'code=$?; [ $code -eq 0 ] || say "the night failed with exit code $code; $folder/current stays"; exit $code' EXIT
 
-# The build number only grows.
-number=$(($(cat "$folder/number" 2>/dev/null || echo 0) + 1))
-candidate=$folder/bundles/$number
+# The build number only grows, whatever became of the file that keeps it.
 before=$(readlink "$folder/current" || true)
-[ "$before" != "bundles/$number" ] || fail "$folder/number has gone back; write ${number} into it"
+last=$(cat "$folder/number" 2>/dev/null || echo 0)
+[ "$last" -ge "${before##*/}" ] 2>/dev/null || last=${before##*/}
+number=$((${last:-0} + 1))
+candidate=$folder/bundles/$number
 rm -rf "$candidate"  # of a night that failed
-options=(--build "$number" --name "$(basename "$folder")" "${build_options[@]}")
+options=(--build "$number" --name "${name:-$(basename "$folder")}" "${build_options[@]}")
 # A vocabulary is trained once; later nights reuse it, or every tile would change every night.
 [ ! -e "$folder/vocabulary.h5" ] || options+=(--vocabulary "$folder/vocabulary.h5")
 say "night $night: build $number of $panoramas"

@@ -183,6 +183,9 @@ TEST_F(IncrementalBuild, AReleaseSaysWhatItIs) {
   EXPECT_NEAR(report["saturation"]["typical_share"].get<double>(), j["typical_share"].get<double>(),
               1e-5);
   EXPECT_EQ(Builder({"inspect", (data_->town() / "camera.yaml").string()}).exit_code, 65);
+  // A build with it says the words that it has, whatever was asked for.
+  const Files again = Night("again", city_, {"--sift-words", "900"});
+  EXPECT_EQ(Json::parse(again.at("manifest.json"))["provenance"]["options"]["num_sift_words"], 500);
   // Words of other descriptors would say nothing.
   const Outcome other =
       data_->Build(data_->panoramas(), data_->root() / "plain",

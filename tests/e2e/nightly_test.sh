@@ -60,4 +60,11 @@ night || fail "the third good night failed"
 [ "$(readlink city/current)" = bundles/3 ] || fail "current is not build 3"
 [ ! -e city/bundles/1 ] || fail "build 1 was not cleared away"
 [ -e city/bundles/2 ] || fail "the previous build was cleared away"
+
+# A lost number takes no build back; paths count from here; a map has the name that vehicles ask for.
+rm city/number
+sed -i "s|$folder/town|town|; \$a name=ville" city.conf
+night || fail "the night without a number failed"
+[ "$(readlink city/current)" = bundles/4 ] || fail "current is not build 4"
+grep -q '"name": *"ville"' city/current/manifest.json || fail "the map's name is not the config's"
 echo PASSED
