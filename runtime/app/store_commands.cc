@@ -87,13 +87,15 @@ StoreCommand AddRevoke(CLI::App* app) {
   struct Options {
     fs::path store;
     std::string id;
+    bool force = false;
   };
   auto o = std::make_shared<Options>();
   CLI::App* command =
       app->add_subcommand("revoke", "Refuse all that a key has signed, from now on");
   AddStore(command, &o->store);
   command->add_option("id", o->id, "the key's id, 16 hex digits")->required();
-  return {command, [=] { return RevokeKey({o->store}, o->id); }};
+  command->add_flag("--force", o->force, "even the key that signed the version in force");
+  return {command, [=] { return RevokeKey({o->store}, o->id, o->force); }};
 }
 
 StoreCommand AddInstall(CLI::App* app) {
@@ -233,7 +235,8 @@ StoreCommand AddFsck(CLI::App* app) {
               std::printf("mended: %s\n", line.c_str());
             std::printf("%zu versions, %zu objects, %zu faults\n", report->num_versions,
                         report->num_objects, report->faults.size());
-            if (report->faults.empty() || o->repair) return {};
+            if (o->repair) return report->in_force;
+            if (report->faults.empty()) return {};
             return {ErrorCode::kChecksumMismatch, Format("%s: %zu faults; mend them with --repair",
                                                          o->store.c_str(), report->faults.size())};
           }};
