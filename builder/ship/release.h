@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -12,7 +13,10 @@
 namespace panofix {
 
 struct ReleaseOptions {
-  std::int64_t created_s = 0;             // seconds since 1970
+  std::int64_t created_s = 0;  // seconds since 1970
+  // No release is made later than this: vehicles would take it as the time, and older clocks'
+  // releases as expired, for good. The signer's clock and a day.
+  std::int64_t latest_created_s = std::numeric_limits<std::int64_t>::max();
   double expires_days = 30;               // from then; vehicles refuse to install it later
   std::filesystem::path scores;           // of `validate --json`; may be empty
   std::vector<std::string> revoked_keys;  // ids that vehicles shall no longer trust

@@ -28,7 +28,7 @@ TEST_F(ReleaseTest, ASignedBundleOpensWithItsKeyAndKeepsItsId) {
   WriteText(folder_ / "score.json",
             R"({"share_fix": 0.5, "median_position_error_m": null, "frames": [1], "n": 3})");
   options_.scores = folder_ / "score.json";
-  options_.revoked_keys = {"aa"};  // minisign leaves leading zeros out
+  options_.revoked_keys = {"00000000000000aa"};
   options_.expires_days = 0.5;
   const ReleaseStatement said = SignBundle(folder_ / "b", key_, options_);
   const auto bundle = MapBundle::Open(folder_ / "b", Ring());
@@ -69,12 +69,18 @@ TEST_F(ReleaseTest, OptionsHaveTheirRules) {
     EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), std::invalid_argument) << days;
   }
   options_.expires_days = 1;
+  options_.latest_created_s = options_.created_s - 1;
+  EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), std::invalid_argument);
+  options_.latest_created_s = options_.created_s;
+  EXPECT_NO_THROW(SignBundle(folder_ / "b", key_, options_));
   WriteText(folder_ / "score.json", "[]");
   options_.scores = folder_ / "score.json";
   EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), Error);
   options_.scores.clear();
-  options_.revoked_keys = {"not an id"};
-  EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), Error);
+  for (const char* id : {"not an id", "aa", "00000000000000a", "00000000000000aa0"}) {
+    options_.revoked_keys = {id};
+    EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), Error) << id;
+  }
 }
 
 TEST_F(ReleaseTest, EndorsementsLeadFromKeyToKey) {
