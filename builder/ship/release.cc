@@ -59,14 +59,21 @@ std::map<std::string, double> ReadScores(const fs::path& path) {
   try {
     const auto json = nlohmann::json::parse(ValueOrThrow(ReadFileText(path, kMaxBytes)));
     if (!json.is_object()) throw std::invalid_argument("no object");
+    // Another file's numbers would be signed as this map's quality.
+    for (const char* field : {"num_frames", "num_fixes", "share_fix", "share_false_fixes"}) {
+      if (!json.contains(field) || !json[field].is_number())
+        throw std::invalid_argument(std::string("no number named ") + field);
+    }
     for (const auto& [name, value] : json.items()) {
       if (value.is_number()) scores[name] = value.get<double>();
     }
   } catch (const Error&) {
     throw;
   } catch (const std::exception& error) {
-    throw Error(ErrorCode::kBadData, path.string() + ": " + error.what() +
-                                         "; name a score table that validate --json wrote");
+    throw Error(
+        ErrorCode::kBadData,
+        path.string() + ": " + error.what() +
+            "; name a score table that panofix-builder validate --json or score --json wrote");
   }
   return scores;
 }

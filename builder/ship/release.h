@@ -29,7 +29,7 @@ struct ReleaseOptions {
 ReleaseStatement SignBundle(const std::filesystem::path& bundle, const SecretKey& key,
                             const ReleaseOptions& options);
 
-// The top-level numbers of a score table as JSON.
+// The top-level numbers of a score table as JSON; kBadData where the table's fields are not there.
 std::map<std::string, double> ReadScores(const std::filesystem::path& path);
 
 // Writes `public_key`.minisig: whoever trusts `key` may trust that public key too.
