@@ -111,7 +111,7 @@ void Checker::RemoveVersion(const StoreVersion& version) {
 
 std::string Checker::WhatToInstall() const {
   if (floors_.highest_id.empty()) return "install a map with panofix-runtime install";
-  return Format("install build %lld (%.12s) again, or a newer one",
+  return Format("install build %lld (%.12s) or a newer one, signed with a trusted key",
                 static_cast<long long>(floors_.highest_build), floors_.highest_id.c_str());
 }
 
