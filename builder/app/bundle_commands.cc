@@ -106,7 +106,8 @@ Command AddInspectCommand(CLI::App* app) {
     }
     const KeyRing ring = ValueOrThrow(ReadKeyRing(o->keys));
     const SignatureState signature =
-        SignatureStateOf(ValueOrThrow(ReadSignedManifest(o->bundle, {})), ring);
+        SignatureStateOf(ValueOrThrow(ReadSignedManifest(o->bundle, {})), ring,
+                         (o->bundle / kManifestName).string());
     if (!ring.empty() && !signature.status.ok()) {
       // Whoever names keys wants no other map opened.
       std::fputs((o->json ? SignatureJson(signature) : SignatureText(signature)).c_str(), stdout);

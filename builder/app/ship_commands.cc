@@ -75,6 +75,7 @@ Command AddSignCommand(CLI::App* app) {
   struct Options {
     fs::path bundle, secret, password;
     std::string created;
+    bool allow_future = false;
     ReleaseOptions release;
   };
   auto o = std::make_shared<Options>();
@@ -89,11 +90,15 @@ Command AddSignCommand(CLI::App* app) {
       ->capture_default_str();
   command->add_option("--created", o->created,
                       "time of the release, such as 2026-11-22T09:30:00Z (default: now)");
+  command->add_flag("--allow-future", o->allow_future,
+                    "take a --created that is more than a day ahead of this clock");
   command->add_option("--scores", o->release.scores, "score table of validate --json to state");
   command->add_option("--revoke", o->release.revoked_keys,
                       "id of a key that vehicles shall no longer trust; may be repeated");
   return [=] {
+    constexpr std::int64_t kDay_s = 86400;
     o->release.created_s = NowUtc_s();
+    if (!o->allow_future) o->release.latest_created_s = o->release.created_s + kDay_s;
     if (!o->created.empty()) {
       const auto created_s = ParseUtc(o->created);
       if (!created_s) {

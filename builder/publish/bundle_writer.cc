@@ -54,7 +54,13 @@ void Finish(const fs::path& staged, const Manifest& manifest, const fs::path& ta
     if (fs::exists(staged / folder)) ThrowIfError(SyncPath(staged / folder));
   }
   ThrowIfError(SyncPath(staged));
+  const bool was_signed = fs::exists(target / kManifestSignatureName);
   ThrowIfError(PublishDirectory(staged, target));
+  if (was_signed) {
+    LogWarning(target.string() +
+               ": the bundle in its place was signed, this one is not; sign it with "
+               "panofix-builder sign");
+  }
 }
 
 // Copies a part that another run may have written; a file that is not what its hash says is named.

@@ -5,6 +5,7 @@
 
 #include "builder/ship/package_writer.h"
 #include "builder/ship/patch.h"
+#include "common/base/log.h"
 #include "common/base/status.h"
 #include "common/io/mapped_file.h"
 #include "common/io/read_file.h"
@@ -38,6 +39,22 @@ std::span<const std::uint8_t> Bytes(const MappedFile& file, const fs::path& path
   throw Error(ErrorCode::kIo, path.string() + ": cannot be read; check the disk");
 }
 
+// No vehicle would take another map, or an older one, in place of what it has.
+void CheckLeadsOn(const Manifest& from, const Manifest& to) {
+  if (from.name != to.name) {
+    throw Error(ErrorCode::kWrongMap, "delta: the old bundle is of map '" + from.name +
+                                          "', the new one of '" + to.name +
+                                          "'; name two builds of one map");
+  }
+  if (to.build < from.build) {
+    throw Error(
+        ErrorCode::kDowngrade,
+        Format("delta: the old bundle is build %lld, the new one build %lld, which vehicles "
+               "refuse; name the older one first",
+               static_cast<long long>(from.build), static_cast<long long>(to.build)));
+  }
+}
+
 void AddKey(const fs::path& path, PackageWriter* writer) {
   const std::string text = ValueOrThrow(ReadFileText(path, kMaxKeyBytes));
   const PublicKey key = ValueOrThrow(ParsePublicKey(text, path.string()));
@@ -63,6 +80,7 @@ PackageReport WritePackage(const fs::path& base, const fs::path& target,
   Parts old;
   if (!base.empty()) {
     const SignedManifest before = ValueOrThrow(VerifyBundle(base, {})).manifest;
+    CheckLeadsOn(before.manifest, bundle.manifest);
     index.base = before.id;
     old = PartsOf(before.manifest);
   }

@@ -15,6 +15,7 @@
 #include "common/io/unique_fd.h"
 #include "common/map/bundle_files.h"
 #include "common/sign/key_ring.h"
+#include "common/sign/utc_time.h"
 
 namespace panofix {
 namespace {
@@ -44,6 +45,12 @@ void ReleaseOptions::Check() const {
     throw std::invalid_argument(
         Format("expires_days = %g; must be above 0 and at most %g", expires_days, kMostDays));
   if (created_s < 0) throw std::invalid_argument("created_s is before 1970");
+  if (created_s > latest_created_s) {
+    throw std::invalid_argument(
+        "created " + FormatUtc(created_s) + " is more than a day ahead of this clock: vehicles " +
+        "that install it hold what is signed with an earlier time for expired; set the clock or " +
+        "--created right, or give --allow-future");
+  }
 }
 
 std::map<std::string, double> ReadScores(const fs::path& path) {
@@ -52,14 +59,21 @@ std::map<std::string, double> ReadScores(const fs::path& path) {
   try {
     const auto json = nlohmann::json::parse(ValueOrThrow(ReadFileText(path, kMaxBytes)));
     if (!json.is_object()) throw std::invalid_argument("no object");
+    // Another file's numbers would be signed as this map's quality.
+    for (const char* field : {"num_frames", "num_fixes", "share_fix", "share_false_fixes"}) {
+      if (!json.contains(field) || !json[field].is_number())
+        throw std::invalid_argument(std::string("no number named ") + field);
+    }
     for (const auto& [name, value] : json.items()) {
       if (value.is_number()) scores[name] = value.get<double>();
     }
   } catch (const Error&) {
     throw;
   } catch (const std::exception& error) {
-    throw Error(ErrorCode::kBadData, path.string() + ": " + error.what() +
-                                         "; name a score table that validate --json wrote");
+    throw Error(
+        ErrorCode::kBadData,
+        path.string() + ": " + error.what() +
+            "; name a score table that panofix-builder validate --json or score --json wrote");
   }
   return scores;
 }
@@ -79,7 +93,7 @@ ReleaseStatement SignBundle(const fs::path& bundle, const SecretKey& key,
   for (const std::string& text : options.revoked_keys) {
     const auto id = KeyIdFromText(text);
     if (!id)
-      throw Error(ErrorCode::kInvalidArgument, text + ": is no key id; give its 16 hex digits");
+      throw Error(ErrorCode::kInvalidArgument, text + ": is no key id; give all its 16 hex digits");
     statement.revoked_keys.push_back(*id);
   }
   if (!options.scores.empty()) statement.quality = ReadScores(options.scores);

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -12,7 +13,10 @@
 namespace panofix {
 
 struct ReleaseOptions {
-  std::int64_t created_s = 0;             // seconds since 1970
+  std::int64_t created_s = 0;  // seconds since 1970
+  // No release is made later than this: vehicles would take it as the time, and older clocks'
+  // releases as expired, for good. The signer's clock and a day.
+  std::int64_t latest_created_s = std::numeric_limits<std::int64_t>::max();
   double expires_days = 30;               // from then; vehicles refuse to install it later
   std::filesystem::path scores;           // of `validate --json`; may be empty
   std::vector<std::string> revoked_keys;  // ids that vehicles shall no longer trust
@@ -25,7 +29,7 @@ struct ReleaseOptions {
 ReleaseStatement SignBundle(const std::filesystem::path& bundle, const SecretKey& key,
                             const ReleaseOptions& options);
 
-// The top-level numbers of a score table as JSON.
+// The top-level numbers of a score table as JSON; kBadData where the table's fields are not there.
 std::map<std::string, double> ReadScores(const std::filesystem::path& path);
 
 // Writes `public_key`.minisig: whoever trusts `key` may trust that public key too.

@@ -27,6 +27,8 @@ struct SignatureState {
 
 // Without keys in `ring` a signature is read and compared with the manifest: what is then no
 // signature, or one of another release, is bad whoever made it.
-[[nodiscard]] SignatureState SignatureStateOf(const SignedManifest& bundle, const KeyRing& ring);
+// `name` is the manifest's, for messages.
+[[nodiscard]] SignatureState SignatureStateOf(const SignedManifest& bundle, const KeyRing& ring,
+                                              const std::string& name = kManifestName);
 
 }  // namespace panofix

@@ -32,6 +32,9 @@ void AllowOpenFiles(std::size_t num_files) {
 Result<BundleRelease> VerifyRelease(const std::string& text, const std::string& signature_text,
                                     const KeyRing& ring, const std::string& name) {
   if (signature_text.empty()) {
+    // Bundles of an older format were never signed: the format is what is wrong with them.
+    const auto parsed = ParseManifest(text, name);
+    if (parsed.status().code() == ErrorCode::kUnsupportedVersion) return parsed.status();
     return Status(ErrorCode::kUntrusted,
                   name + ": is not signed; sign the bundle with panofix-builder sign");
   }

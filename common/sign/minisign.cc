@@ -84,11 +84,9 @@ std::optional<std::string> KeyIdFromText(std::string text) {
   for (char& c : text) {
     if (c >= 'a' && c <= 'f') c = static_cast<char>(c - 'a' + 'A');
   }
-  if (text.empty() || text.size() > 16 ||
-      text.find_first_not_of("0123456789ABCDEF") != std::string::npos) {
+  if (text.size() != 16 || text.find_first_not_of("0123456789ABCDEF") != std::string::npos)
     return std::nullopt;
-  }
-  return std::string(16 - text.size(), '0') + text;
+  return text;
 }
 
 Result<PublicKey> ParsePublicKey(std::string_view text, const std::string& name) {

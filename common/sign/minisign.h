@@ -25,7 +25,8 @@ struct PublicKey {
 
 // 16 upper-case hex digits, as minisign prints them but for leading zeros.
 [[nodiscard]] std::string KeyIdText(const std::array<std::uint8_t, 8>& id);
-// The same from 1 to 16 hex digits as people paste them; nullopt otherwise.
+// The same from 16 hex digits of either case; nullopt otherwise, as a cut id would name another
+// key.
 [[nodiscard]] std::optional<std::string> KeyIdFromText(std::string text);
 
 // The text of a .pub file (two lines), or its second line alone. kBadData; `name` is for messages.

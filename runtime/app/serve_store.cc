@@ -116,8 +116,7 @@ void WarnIfExpired(const StoreLayout& layout, const std::string& id) {
   const auto bundle = ReadVersion(layout, id);
   const auto state = ReadStoreState(layout);
   if (!bundle.ok()) return;
-  const Status fresh =
-      CheckExpiry(*bundle->release, TrustedNow_s(state.ok() ? *state : StoreState{}));
+  const Status fresh = CheckExpiry(*bundle->release, state.ok() ? *state : StoreState{});
   if (!fresh.ok()) LogWarning(fresh.message() + "; it is served all the same");
 }
 

@@ -21,6 +21,30 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMaxKeyBytes = 4096;
 constexpr double kDefaultProbe_s = 300;
 
+std::string NameOf(const StoreLayout& layout, const std::string& id) {
+  const auto version = ReadVersion(layout, id);
+  if (!version.ok()) return Format("version %.12s", id.c_str());
+  return Format("build %lld (%.12s)", static_cast<long long>(version->manifest.build), id.c_str());
+}
+
+// One line: what a change of the store has led to.
+Status ThenSayInForce(const StoreLayout& layout, const Status& done) {
+  if (!done.ok()) return done;
+  const auto state = ReadStoreState(layout);
+  if (!state.ok()) return state.status();
+  const std::string active = state->active.empty() ? "nothing; see panofix-runtime activate"
+                                                   : NameOf(layout, state->active);
+  const std::string back =
+      state->previous.empty() ? "" : "; rollback leads to " + NameOf(layout, state->previous);
+  std::printf("in force: %s%s\n", active.c_str(), back.c_str());
+  return {};
+}
+
+Status ThenSay(const Status& done, const std::string& line) {
+  if (done.ok()) std::printf("%s\n", line.c_str());
+  return done;
+}
+
 void AddStore(CLI::App* command, fs::path* store) {
   command->add_option("--store", *store, "the vehicle's store")->required();
 }
@@ -51,7 +75,9 @@ StoreCommand AddInit(CLI::App* app) {
             if (!ring.ok()) return ring.status();
             const auto camera = ReadCameraYaml(o->camera);
             if (!camera.ok()) return camera.status();
-            return InitStore({o->store}, {o->map, *camera}, *ring);
+            return ThenSay(InitStore({o->store}, {o->map, *camera}, *ring),
+                           o->store.string() + " takes maps of '" + o->map +
+                               "'; next: panofix-runtime install");
           }};
 }
 
@@ -69,7 +95,8 @@ StoreCommand AddTrust(CLI::App* app) {
   return {command, [=]() -> Status {
             const auto key = ReadFileText(o->key, kMaxKeyBytes);
             if (!key.ok()) return key.status();
-            if (o->by_hand) return TrustKey({o->store}, *key, "", o->key.string());
+            const std::string done = o->key.string() + " is trusted here";
+            if (o->by_hand) return ThenSay(TrustKey({o->store}, *key, "", o->key.string()), done);
             const auto signature =
                 ReadFileText(o->key.string() + kSignatureSuffix, kMaxSignatureBytes);
             if (signature.status().code() == ErrorCode::kNotFound) {
@@ -79,7 +106,7 @@ StoreCommand AddTrust(CLI::App* app) {
                           "endorse, or vouch for the key with --by-hand"};
             }
             if (!signature.ok()) return signature.status();
-            return TrustKey({o->store}, *key, *signature, o->key.string());
+            return ThenSay(TrustKey({o->store}, *key, *signature, o->key.string()), done);
           }};
 }
 
@@ -87,13 +114,18 @@ StoreCommand AddRevoke(CLI::App* app) {
   struct Options {
     fs::path store;
     std::string id;
+    bool force = false;
   };
   auto o = std::make_shared<Options>();
   CLI::App* command =
       app->add_subcommand("revoke", "Refuse all that a key has signed, from now on");
   AddStore(command, &o->store);
   command->add_option("id", o->id, "the key's id, 16 hex digits")->required();
-  return {command, [=] { return RevokeKey({o->store}, o->id); }};
+  command->add_flag("--force", o->force, "even the key that signed the version in force");
+  return {command, [=] {
+            return ThenSay(RevokeKey({o->store}, o->id, o->force),
+                           "key " + o->id + " is revoked: what it signed is refused");
+          }};
 }
 
 StoreCommand AddInstall(CLI::App* app) {
@@ -129,8 +161,10 @@ StoreCommand AddInstall(CLI::App* app) {
                         static_cast<long long>(report->build), report->num_new_parts,
                         report->num_parts, static_cast<double>(report->num_new_bytes) / 1e6,
                         static_cast<double>(report->num_bytes) / 1e6, report->id.c_str());
-            if (!o->activate) return {};
-            return Activate(layout, report->id, MakeHealthProbe(layout, o->probe_s));
+            return ThenSayInForce(
+                layout, o->activate
+                            ? Activate(layout, report->id, MakeHealthProbe(layout, o->probe_s))
+                            : Status());
           }};
 }
 
@@ -144,10 +178,13 @@ StoreCommand AddActivate(CLI::App* app) {
   CLI::App* command = app->add_subcommand(
       "activate", "Run an installed version; the one before is back if it does not start");
   AddStore(command, &o->store);
-  command->add_option("id", o->id, "the version's id (default: the newest)");
+  command->add_option("id", o->id,
+                      "the version's id, or its first digits, 6 at least (default: the newest)");
   AddProbeTimeout(command, &o->probe_s);
-  return {command,
-          [=] { return Activate({o->store}, o->id, MakeHealthProbe({o->store}, o->probe_s)); }};
+  return {command, [=] {
+            return ThenSayInForce(
+                {o->store}, Activate({o->store}, o->id, MakeHealthProbe({o->store}, o->probe_s)));
+          }};
 }
 
 StoreCommand AddRollback(CLI::App* app) {
@@ -160,7 +197,10 @@ StoreCommand AddRollback(CLI::App* app) {
       app->add_subcommand("rollback", "Run the version that was active before this one");
   AddStore(command, &o->store);
   AddProbeTimeout(command, &o->probe_s);
-  return {command, [=] { return Rollback({o->store}, MakeHealthProbe({o->store}, o->probe_s)); }};
+  return {command, [=] {
+            return ThenSayInForce({o->store},
+                                  Rollback({o->store}, MakeHealthProbe({o->store}, o->probe_s)));
+          }};
 }
 
 Status PrintList(const StoreLayout& layout) {
@@ -170,22 +210,24 @@ Status PrintList(const StoreLayout& layout) {
   const auto keys = ReadStoreKeys(layout);
   if (!keys.ok()) return keys.status();
   for (const StoreVersion& v : *versions) {
-    const bool is_active = state.ok() && v.id == state->active;
-    const char* mark = !is_active ? "" : state->is_proven ? "active" : "active, not proven";
-    if (state.ok() && v.id == state->previous) mark = "previous";
-    if (!v.status.ok()) {
-      std::printf("%s  unusable: %s\n", v.id.c_str(), v.status.message().c_str());
-      continue;
+    std::string line = v.id;
+    if (v.is_known)
+      line += Format("  build %lld", static_cast<long long>(v.manifest.manifest.build));
+    if (const auto& release = v.manifest.release) {
+      const std::int64_t expires_s = release->statement.expires_s;
+      line += "  key " + release->key_id + "  expires " + FormatUtc(expires_s) +
+              (expires_s <= NowUtc_s() ? " (EXPIRED)" : "");
     }
-    const BundleRelease& release = *v.manifest.release;
-    std::printf("%s  build %lld  key %s  expires %s%s  %s\n", v.id.c_str(),
-                static_cast<long long>(v.manifest.manifest.build), release.key_id.c_str(),
-                FormatUtc(release.statement.expires_s).c_str(),
-                release.statement.expires_s <= NowUtc_s() ? " (EXPIRED)" : "", mark);
+    if (state.ok() && v.id == state->active)
+      line += state->is_proven ? "  active" : "  active, not proven";
+    if (state.ok() && v.id == state->previous) line += "  previous";
+    if (!v.status.ok()) line += "  unusable: " + v.status.message();
+    std::printf("%s\n", line.c_str());
   }
   for (std::size_t i = 0; i < keys->ring.trusted.size(); ++i) {
     const std::string id = KeyIdText(keys->ring.trusted[i].id);
     const std::string& by = keys->endorsed_by[i];
+    if (keys->ring.IsRevoked(id)) continue;  // below
     std::printf("key %s  %s%s\n", id.c_str(), by.empty() ? "put in by hand" : "endorsed by ",
                 by.c_str());
   }
@@ -233,7 +275,8 @@ StoreCommand AddFsck(CLI::App* app) {
               std::printf("mended: %s\n", line.c_str());
             std::printf("%zu versions, %zu objects, %zu faults\n", report->num_versions,
                         report->num_objects, report->faults.size());
-            if (report->faults.empty() || o->repair) return {};
+            if (o->repair) return report->in_force;
+            if (report->faults.empty()) return {};
             return {ErrorCode::kChecksumMismatch, Format("%s: %zu faults; mend them with --repair",
                                                          o->store.c_str(), report->faults.size())};
           }};

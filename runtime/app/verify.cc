@@ -75,7 +75,7 @@ Status Verify(const Options& o) {
   }
   const auto bundle = VerifyBundle(o.bundle, ring);
   if (!bundle.ok()) return bundle.status();
-  Status status = CheckExpiry(*bundle->manifest.release, TrustedNow_s(state));
+  Status status = CheckExpiry(*bundle->manifest.release, state);
   if (status.ok() && !o.store.empty()) {
     const auto config = ReadStoreConfig({o.store});
     if (!config.ok()) return config.status();

@@ -4,22 +4,24 @@
 #include <cmath>
 
 #include "common/base/log.h"
-#include "common/sign/utc_time.h"
 
 namespace panofix {
 
-std::int64_t TrustedNow_s(const StoreState& state) {
-  return std::max(NowUtc_s(), state.time_floor_s);
-}
-
-Status CheckExpiry(const BundleRelease& release, std::int64_t now_s) {
+Status CheckExpiry(const BundleRelease& release, const StoreState& state, std::int64_t clock_s) {
   const ReleaseStatement& s = release.statement;
+  const std::int64_t now_s = std::max(clock_s, state.time_floor_s);
   if (now_s < s.expires_s) return {};
+  std::string now = "it is " + FormatUtc(now_s);
+  if (state.time_floor_s > clock_s) {
+    now = "it is " + FormatUtc(now_s) +
+          " or later, as a release of that time was installed here (" +
+          "time_floor of state.json; the clock says " + FormatUtc(clock_s) + ")";
+  }
   return {ErrorCode::kExpired,
-          Format("build %lld of '%s' expired at %s, it is %s; get a newer build, or have this one "
-                 "signed again",
+          Format("build %lld of '%s' expired at %s, %s; get a newer build, or have this one signed "
+                 "again",
                  static_cast<long long>(s.build), s.name.c_str(), FormatUtc(s.expires_s).c_str(),
-                 FormatUtc(now_s).c_str())};
+                 now.c_str())};
 }
 
 Status CheckMeantForUs(const Manifest& manifest, const StoreConfig& config) {

@@ -5,16 +5,15 @@
 
 #include "common/base/status.h"
 #include "common/map/bundle_files.h"
+#include "common/sign/utc_time.h"
 #include "runtime/store/store_files.h"
 
 namespace panofix {
 
-// The vehicle's clock, but never earlier than what it has seen: a clock that was set back does not
-// make an expired release fresh.
-[[nodiscard]] std::int64_t TrustedNow_s(const StoreState& state);
-
-// kExpired from `now_s` on.
-[[nodiscard]] Status CheckExpiry(const BundleRelease& release, std::int64_t now_s);
+// kExpired where it is that late by the vehicle's clock, or by what it has seen: a clock that was
+// set back does not make an expired release fresh.
+[[nodiscard]] Status CheckExpiry(const BundleRelease& release, const StoreState& state,
+                                 std::int64_t clock_s = NowUtc_s());
 // kWrongMap: of another name. kWrongCamera: made for another picture size, or for a focal length
 // that differs by more than 5 %.
 [[nodiscard]] Status CheckMeantForUs(const Manifest& manifest, const StoreConfig& config);

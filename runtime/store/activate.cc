@@ -31,6 +31,7 @@ Status ProveActive(const StoreLayout& layout, StoreState state, const HealthProb
   if (health.code() == ErrorCode::kCancelled) return health;
   if (health.ok()) {
     state.is_proven = true;
+    state.before_previous.clear();
     const Status written = WriteStoreState(layout, state);
     if (!written.ok()) return written;
     const auto bundle = ReadVersion(layout, state.active);
@@ -39,7 +40,8 @@ Status ProveActive(const StoreLayout& layout, StoreState state, const HealthProb
   }
   const std::string failed = state.active;
   state.active = state.previous;
-  state.previous.clear();
+  state.previous = state.before_previous;
+  state.before_previous.clear();
   state.is_proven = !state.active.empty();  // it ran before
   const Status written = WriteStoreState(layout, state);
   if (!written.ok()) return written;
@@ -52,8 +54,13 @@ Status ProveActive(const StoreLayout& layout, StoreState state, const HealthProb
 Status SwitchTo(const StoreLayout& layout, StoreState state, const std::string& id,
                 const HealthProbe& probe) {
   // An unproven version is nothing to go back to.
-  if (state.is_proven && state.active != id) state.previous = state.active;
-  if (state.previous == id) state.previous.clear();
+  if (state.is_proven && state.active != id) {
+    state.before_previous = state.previous;
+    state.previous = state.active;
+  } else if (state.previous == id) {
+    state.previous = state.before_previous;
+    state.before_previous.clear();
+  }
   state.active = id;
   state.is_proven = false;
   const Status written = WriteStoreState(layout, state);
@@ -78,12 +85,16 @@ Status Activate(const StoreLayout& layout, const std::string& wanted, const Heal
               layout.root.string() + ": holds no map; install one with panofix-runtime install"};
     }
     id = versions->back().id;
+  } else {
+    const auto found = FindVersion(layout, wanted);
+    if (!found.ok()) return found.status();
+    id = *found;
   }
   const auto bundle = ReadVersion(layout, id);
   if (!bundle.ok()) return bundle.status();
   if (state->active == id && state->is_proven) return {};
   Status status = CheckMeantForUs(bundle->manifest, *config);
-  if (status.ok()) status = CheckExpiry(*bundle->release, TrustedNow_s(*state));
+  if (status.ok()) status = CheckExpiry(*bundle->release, *state);
   if (!status.ok()) return {status.code(), Named(id) + ": " + status.message()};
   if (!state->active.empty() && state->active != id) {
     const auto active = ReadVersion(layout, state->active);

@@ -13,10 +13,11 @@ namespace panofix {
 // Whether the bundle in this folder runs here.
 using HealthProbe = std::function<Status(const std::filesystem::path& folder)>;
 
-// Makes an installed version the active one, then probes it; the version before is back in force
-// where that fails (kUnhealthy). An empty `id` means the newest. kDowngrade below the active build,
-// kExpired, kWrongMap, kWrongCamera, and what ReadVersion says. Activating the version that is in
-// force and proven does nothing. On success the keys that the release revokes are revoked.
+// Makes an installed version the active one, then probes it; where that fails (kUnhealthy) all is
+// as before: the version in force, and the one to roll back to. `id` is as FindVersion takes it;
+// empty means the newest. kDowngrade below the active build, kExpired, kWrongMap, kWrongCamera, and
+// what ReadVersion says. Activating the version that is in force and proven does nothing. On
+// success the keys that the release revokes are revoked.
 [[nodiscard]] Status Activate(const StoreLayout& layout, const std::string& id,
                               const HealthProbe& probe);
 

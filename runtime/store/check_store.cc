@@ -2,6 +2,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "common/base/log.h"
 #include "common/io/atomic_file.h"
@@ -23,14 +24,22 @@ class Checker {
  private:
   void CheckObjects();
   void CheckVersions();
+  [[nodiscard]] bool IsGoodPart(const StoreVersion& version, const BundlePart& part) const;
+  bool LinkAnew(const fs::path& from, const fs::path& to);
+  void RestoreObjects();
   bool MendVersion(const StoreVersion& version);
-  Status CheckState();
+  void RemoveVersion(const StoreVersion& version);
+  [[nodiscard]] std::string WhatToInstall() const;
+  bool Holds(const std::string& id, const std::string& what, bool revoked_is_fault);
+  Status CheckState(const Result<StoreState>& read);
   void Fault(const std::string& line) { report_.faults.push_back(line); }
   void Repaired(const std::string& line) { report_.repairs.push_back(line); }
 
   const StoreLayout& layout_;
   const bool repair_;
   KeyRing ring_;
+  std::vector<StoreVersion> versions_;
+  StoreState floors_;               // what the state, or else what is installed, says was seen here
   std::vector<std::string> whole_;  // versions that are, oldest build first
   CheckReport report_;
 };
@@ -52,33 +61,65 @@ void Checker::CheckObjects() {
   }
 }
 
-// Links parts that are damaged or missing anew from good objects, and the other way round.
+bool Checker::IsGoodPart(const StoreVersion& version, const BundlePart& part) const {
+  const auto hash = Sha256OfFile(layout_.version(version.id) / part.path);
+  return hash.ok() && *hash == part.sha256;
+}
+
+bool Checker::LinkAnew(const fs::path& from, const fs::path& to) {
+  std::error_code error;
+  fs::create_directories(to.parent_path(), error);
+  fs::remove(to, error);
+  if (::link(from.c_str(), to.c_str()) != 0) return false;
+  Repaired(to.string() + ": linked anew");
+  return true;
+}
+
+// Objects from any version that has them whole: one good copy mends all versions.
+void Checker::RestoreObjects() {
+  for (const StoreVersion& version : versions_) {
+    for (const BundlePart& part : version.manifest.manifest.parts) {
+      // A damaged one is gone by now.
+      if (!fs::exists(layout_.object(part.sha256)) && IsGoodPart(version, part))
+        LinkAnew(layout_.version(version.id) / part.path, layout_.object(part.sha256));
+    }
+  }
+}
+
 bool Checker::MendVersion(const StoreVersion& version) {
   if (!version.status.ok()) return false;
-  std::error_code error;
   for (const BundlePart& part : version.manifest.manifest.parts) {
-    const fs::path path = layout_.version(version.id) / part.path;
     const fs::path object = layout_.object(part.sha256);
-    const auto hash = Sha256OfFile(path);
-    const bool is_good = hash.ok() && *hash == part.sha256;
-    const bool has_object = HasGoodObject(layout_, part.sha256, part.num_bytes);
-    if (is_good && has_object) continue;
-    if (!is_good && !has_object) return false;
-    const fs::path& from = is_good ? path : object;
-    const fs::path& to = is_good ? object : path;
-    fs::create_directories(to.parent_path(), error);
-    fs::remove(to, error);
-    if (::link(from.c_str(), to.c_str()) != 0) return false;
-    Repaired(to.string() + ": linked anew");
+    if (!HasGoodObject(layout_, part.sha256, part.num_bytes)) return false;
+    if (IsGoodPart(version, part)) continue;
+    if (!LinkAnew(object, layout_.version(version.id) / part.path)) return false;
   }
   return VerifyBundle(layout_.version(version.id), ring_).ok();
 }
 
+void Checker::RemoveVersion(const StoreVersion& version) {
+  std::error_code error;
+  fs::rename(layout_.version(version.id), layout_.staging() / ("removed-" + version.id), error);
+  if (error) return;
+  const std::string build =
+      version.is_known
+          ? Format(" (build %lld)", static_cast<long long>(version.manifest.manifest.build))
+          : "";
+  Repaired("version " + version.id + build + ": removed, its good parts are kept; " +
+           (version.id == floors_.highest_id ? "install it again" : WhatToInstall()));
+}
+
+std::string Checker::WhatToInstall() const {
+  if (floors_.highest_id.empty()) return "install a map with panofix-runtime install";
+  return Format("install build %lld (%.12s) or a newer one, signed with a trusted key",
+                static_cast<long long>(floors_.highest_build), floors_.highest_id.c_str());
+}
+
 void Checker::CheckVersions() {
-  const auto versions = ListVersions(layout_);
-  if (!versions.ok()) return Fault(versions.status().message());
-  report_.num_versions = versions->size();
-  for (const StoreVersion& version : *versions) {
+  report_.num_versions = versions_.size();
+  if (repair_) RestoreObjects();
+  for (const StoreVersion& version : versions_) {
+    if (version.is_revoked()) continue;
     Status status = version.status;
     if (status.ok()) status = VerifyBundle(layout_.version(version.id), ring_).status();
     for (std::size_t i = 0; status.ok() && i < version.manifest.manifest.parts.size(); ++i) {
@@ -90,34 +131,44 @@ void Checker::CheckVersions() {
     if (status.ok() || (repair_ && MendVersion(version))) {
       whole_.push_back(version.id);
     } else if (repair_) {
-      std::error_code error;
-      fs::rename(layout_.version(version.id), layout_.staging() / ("removed-" + version.id), error);
-      if (!error) Repaired("version " + version.id + ": removed, install it again");
+      RemoveVersion(version);
     }
   }
 }
 
-Status Checker::CheckState() {
-  const auto read = ReadStoreState(layout_);
-  StoreState state = read.ok() ? *read : StoreState{};
-  const auto is_whole = [&](const std::string& id) {
-    return std::find(whole_.begin(), whole_.end(), id) != whole_.end();
-  };
+// Whether the state may name this version; a fault where it names one that is not whole.
+bool Checker::Holds(const std::string& id, const std::string& what, bool revoked_is_fault) {
+  if (id.empty() || std::find(whole_.begin(), whole_.end(), id) != whole_.end()) return true;
+  const bool is_revoked =
+      std::any_of(versions_.begin(), versions_.end(),
+                  [&](const StoreVersion& v) { return v.id == id && v.is_revoked(); });
+  if (!is_revoked) {
+    Fault(what + " is not whole");
+  } else if (revoked_is_fault) {
+    Fault(what + " is signed with a revoked key, and is not served");
+  }
+  return false;
+}
+
+Status Checker::CheckState(const Result<StoreState>& read) {
+  StoreState state = read.ok() ? *read : floors_;
   bool changed = !read.ok();
   if (!read.ok()) Fault(read.status().message());
-  if (!state.previous.empty() && !is_whole(state.previous)) {
-    Fault("the version before the active one is not whole");
-    state.previous.clear();
+  if (!Holds(state.before_previous, "the version before an unproven one", false))
+    state.before_previous.clear(), changed = true;
+  if (!Holds(state.previous, "the version before the active one", false)) {
+    state.previous = std::exchange(state.before_previous, "");
     changed = true;
   }
-  const bool lost_active =
-      read.ok() ? !state.active.empty() && !is_whole(state.active) : !whole_.empty();
-  if (lost_active) {
-    if (read.ok()) Fault("the active version is not whole");
+  if (!read.ok() || !Holds(state.active, "the active version", true)) {
     state.active = !state.previous.empty() ? state.previous : whole_.empty() ? "" : whole_.back();
+    state.previous = std::exchange(state.before_previous, "");
     state.is_proven = false;
-    if (state.previous == state.active) state.previous.clear();
     changed = true;
+    if (state.active.empty()) {
+      report_.in_force = {ErrorCode::kNotFound,
+                          layout_.root.string() + ": no map is in force; " + WhatToInstall()};
+    }
   }
   if (!changed || !repair_) return {};
   Repaired("active is now " + (state.active.empty() ? "nothing" : state.active));
@@ -138,9 +189,19 @@ Result<CheckReport> Checker::Run() {
       if (!made.ok()) return made;
     }
   }
+  // Before anything goes: also what is damaged tells what was seen here.
+  auto versions = ListVersions(layout_);
+  if (!versions.ok()) return versions.status();
+  versions_ = std::move(*versions);
+  const auto state = ReadStoreState(layout_);
+  if (state.ok()) {
+    floors_.highest_build = state->highest_build, floors_.highest_id = state->highest_id;
+    floors_.time_floor_s = state->time_floor_s;
+  }
+  RaiseFloors(versions_, &floors_);
   CheckObjects();
   CheckVersions();
-  const Status status = CheckState();
+  const Status status = CheckState(state);
   if (!status.ok()) return status;
   return report_;
 }

@@ -78,8 +78,7 @@ Status RunInChild(const std::function<Status()>& work, double timeout_s) {
   while (::waitpid(child, &how, 0) < 0 && errno == EINTR) {
   }
   if (CancelRequested()) return {ErrorCode::kCancelled, "stopped by the user while it was probed"};
-  if (!is_done)
-    return {ErrorCode::kUnhealthy, Format("it gave no answer within %.0f s", timeout_s)};
+  if (!is_done) return {ErrorCode::kUnhealthy, Format("it gave no answer within %g s", timeout_s)};
   if (WIFSIGNALED(how))
     return {ErrorCode::kUnhealthy, Format("it crashed with signal %d", WTERMSIG(how))};
   if (text.empty()) return {ErrorCode::kUnhealthy, "it ended without a word"};

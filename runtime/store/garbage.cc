@@ -2,6 +2,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <set>
@@ -48,6 +49,20 @@ void RemoveObjects(const StoreLayout& layout, const std::set<std::string>& used,
   }
 }
 
+// No way back leads to what a revoked key signed.
+Status ForgetRevoked(const StoreLayout& layout, const std::vector<StoreVersion>& versions,
+                     StoreState* state) {
+  bool changed = false;
+  for (std::string* id : {&state->previous, &state->before_previous}) {
+    const auto v = std::find_if(versions.begin(), versions.end(),
+                                [&](const StoreVersion& version) { return version.id == *id; });
+    if (v == versions.end() || !v->is_revoked()) continue;
+    id->clear();
+    changed = true;
+  }
+  return changed ? WriteStoreState(layout, *state) : Status();
+}
+
 }  // namespace
 
 Result<VersionHold> VersionHold::Take(const StoreLayout& layout, const std::string& id) {
@@ -64,15 +79,18 @@ Result<VersionHold> VersionHold::Take(const StoreLayout& layout, const std::stri
 Result<GarbageReport> CollectGarbage(const StoreLayout& layout) {
   const auto lock = StoreLock::Take(layout);
   if (!lock.ok()) return lock.status();
-  const auto state = ReadStoreState(layout);
+  auto state = ReadStoreState(layout);
   if (!state.ok()) return state.status();
   const auto versions = ListVersions(layout);
   if (!versions.ok()) return versions.status();
+  const Status forgotten = ForgetRevoked(layout, *versions, &*state);
+  if (!forgotten.ok()) return forgotten;
   GarbageReport report;
   std::set<std::string> used;
   for (const StoreVersion& v : *versions) {
-    const bool is_newest = &v == &versions->back();
-    const bool is_kept = v.id == state->active || v.id == state->previous || is_newest ||
+    const bool is_newest = &v == &versions->back() && !v.is_revoked();
+    const bool is_kept = v.id == state->active || v.id == state->previous ||
+                         v.id == state->before_previous || is_newest ||
                          IsInUse(layout.version(v.id));
     if (!is_kept) {
       const Status removed = RemoveVersion(layout, v.id);
@@ -80,7 +98,7 @@ Result<GarbageReport> CollectGarbage(const StoreLayout& layout) {
       report.removed_versions.push_back(v.id);
       continue;
     }
-    if (!v.status.ok()) {
+    if (!v.is_known) {
       // Which objects it uses cannot be told: it keeps them all.
       return Status(v.status.code(), v.status.message() +
                                          "; nothing more is removed until panofix-runtime fsck "

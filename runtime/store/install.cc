@@ -60,10 +60,7 @@ Status Installer::ReadStore() {
   // Were the state lost, what is installed would still say what was seen.
   const auto versions = ListVersions(layout_);
   if (!versions.ok()) return versions.status();
-  for (const StoreVersion& v : *versions) {
-    if (!v.status.ok() || v.manifest.manifest.build <= state_.highest_build) continue;
-    state_.highest_build = v.manifest.manifest.build, state_.highest_id = v.id;
-  }
+  RaiseFloors(*versions, &state_);
   return {};
 }
 
@@ -95,7 +92,7 @@ Status Installer::Accept() {
   bundle_ = std::move(*bundle);
   status = CheckMeantForUs(bundle_.manifest, config_);
   if (status.ok()) status = CheckNotOlder(bundle_, state_);
-  if (status.ok()) status = CheckExpiry(*bundle_.release, TrustedNow_s(state_));
+  if (status.ok()) status = CheckExpiry(*bundle_.release, state_);
   if (status.ok()) status = CheckNotRenewedSince();
   if (!status.ok()) return {status.code(), source_.name() + ": " + status.message()};
   for (const BundlePart& part : bundle_.manifest.parts) {

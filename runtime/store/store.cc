@@ -7,6 +7,7 @@
 #include <cerrno>
 #include <cstring>
 #include <set>
+#include <tuple>
 
 #include "common/base/log.h"
 #include "common/io/atomic_file.h"
@@ -25,6 +26,18 @@ Status CheckRing(const KeyRing& ring, const std::string& what) {
   if (has_key) return {};
   return {ErrorCode::kInvalidArgument,
           what + ": leaves no trusted key; trust another one first (panofix-runtime trust)"};
+}
+
+// Empty where this key did not sign the version in force.
+std::string HarmOfRevoking(const StoreLayout& layout, const std::string& key_id) {
+  const auto state = ReadStoreState(layout);
+  if (!state.ok() || state->active.empty()) return {};
+  const auto active = ReadVersion(layout, state->active);
+  if (!active.ok() || !active->release || active->release->key_id != key_id) return {};
+  return Format(
+      "key %s signed the version in force, build %lld (%.12s), which is not served any more once "
+      "the key is revoked",
+      key_id.c_str(), static_cast<long long>(active->manifest.build), state->active.c_str());
 }
 
 }  // namespace
@@ -62,6 +75,8 @@ Status InitStore(const StoreLayout& layout, const StoreConfig& config, const Key
   }
   // Last what makes it a store.
   status = WriteStoreKeys(layout, {keys, std::vector<std::string>(keys.trusted.size())});
+  if (status.ok() && !fs::exists(layout.state()) && ReadStoreState(layout).ok())
+    status = WriteStoreState(layout, {});
   return status.ok() ? WriteStoreConfig(layout, config) : status;
 }
 
@@ -96,11 +111,11 @@ Status TrustKey(const StoreLayout& layout, const std::string& key_text,
   return WriteStoreKeys(layout, *keys);
 }
 
-Status RevokeKey(const StoreLayout& layout, const std::string& key_id_text) {
+Status RevokeKey(const StoreLayout& layout, const std::string& key_id_text, bool force) {
   const auto key_id = KeyIdFromText(key_id_text);
   if (!key_id) {
     return {ErrorCode::kInvalidArgument,
-            key_id_text + ": is no key id; give its 16 hex digits, see panofix-runtime list"};
+            key_id_text + ": is no key id; give all its 16 hex digits, see panofix-runtime list"};
   }
   const auto lock = StoreLock::Take(layout);
   if (!lock.ok()) return lock.status();
@@ -109,7 +124,50 @@ Status RevokeKey(const StoreLayout& layout, const std::string& key_id_text) {
   if (keys->ring.IsRevoked(*key_id)) return {};
   keys->ring.revoked.push_back(*key_id);
   const Status status = CheckRing(keys->ring, "revoking " + *key_id);
-  return status.ok() ? WriteStoreKeys(layout, *keys) : status;
+  if (!status.ok()) return status;
+  const std::string harm = HarmOfRevoking(layout, *key_id);
+  if (!harm.empty()) {
+    if (!force) {
+      return {ErrorCode::kInvalidArgument,
+              harm +
+                  "; first install and activate one that another trusted key signed, or give "
+                  "--force"};
+    }
+    LogWarning(harm);
+  }
+  const auto& trusted = keys->ring.trusted;
+  if (std::none_of(trusted.begin(), trusted.end(),
+                   [&](const PublicKey& key) { return KeyIdText(key.id) == *key_id; })) {
+    LogWarning("key " + *key_id +
+               " is not known here; refused from now on all the same. Was it meant? See "
+               "panofix-runtime list");
+  }
+  return WriteStoreKeys(layout, *keys);
+}
+
+Result<std::string> FindVersion(const StoreLayout& layout, const std::string& text) {
+  constexpr std::size_t kFewestDigits = 6;
+  const Status none{ErrorCode::kNotFound, layout.root.string() + ": no version " + text +
+                                              " is installed; see panofix-runtime list --store"};
+  if (IsSha256(text)) return text;
+  if (text.find_first_not_of("0123456789abcdef") != std::string::npos) return none;
+  if (text.size() < kFewestDigits) {
+    return Status(ErrorCode::kInvalidArgument,
+                  text + ": too short for a version's id; give 6 digits of it or more");
+  }
+  const auto versions = ListVersions(layout);
+  if (!versions.ok()) return versions.status();
+  std::string found;
+  for (const StoreVersion& v : *versions) {
+    if (!v.id.starts_with(text)) continue;
+    if (!found.empty()) {
+      return Status(ErrorCode::kInvalidArgument,
+                    text + ": several versions begin so; give more digits of the id");
+    }
+    found = v.id;
+  }
+  if (found.empty()) return none;
+  return found;
 }
 
 Result<SignedManifest> ReadVersion(const StoreLayout& layout, const std::string& id) {
@@ -130,6 +188,12 @@ Result<SignedManifest> ReadVersion(const StoreLayout& layout, const std::string&
 
 Result<std::vector<StoreVersion>> ListVersions(const StoreLayout& layout) {
   std::vector<StoreVersion> versions;
+  // To know what a version is that cannot be used.
+  std::vector<KeyRing> rings(1);
+  if (auto keys = ReadStoreKeys(layout); keys.ok()) {
+    keys->ring.revoked.clear();
+    rings.insert(rings.begin(), keys->ring);
+  }
   std::error_code error;
   for (const auto& entry : fs::directory_iterator(layout.versions(), error)) {
     StoreVersion version;
@@ -138,7 +202,10 @@ Result<std::vector<StoreVersion>> ListVersions(const StoreLayout& layout) {
     auto manifest = ReadVersion(layout, version.id);
     version.status = manifest.status();
     version.manifest.manifest.build = -1;
-    if (manifest.ok()) version.manifest = std::move(*manifest);
+    for (auto ring = rings.begin(); !manifest.ok() && ring != rings.end(); ++ring)
+      manifest = ReadSignedManifest(layout.version(version.id), *ring);
+    version.is_known = manifest.ok() && manifest->id == version.id;
+    if (version.is_known) version.manifest = std::move(*manifest);
     versions.push_back(std::move(version));
   }
   if (error) {
@@ -146,9 +213,19 @@ Result<std::vector<StoreVersion>> ListVersions(const StoreLayout& layout) {
                                             "); make one with panofix-runtime init --store");
   }
   std::sort(versions.begin(), versions.end(), [](const auto& a, const auto& b) {
-    return std::pair(a.manifest.manifest.build, a.id) < std::pair(b.manifest.manifest.build, b.id);
+    return std::tuple(a.status.ok(), a.manifest.manifest.build, a.id) <
+           std::tuple(b.status.ok(), b.manifest.manifest.build, b.id);
   });
   return versions;
+}
+
+void RaiseFloors(const std::vector<StoreVersion>& versions, StoreState* state) {
+  for (const StoreVersion& v : versions) {
+    if (!v.is_known || !v.manifest.release) continue;
+    state->time_floor_s = std::max(state->time_floor_s, v.manifest.release->statement.created_s);
+    if (v.manifest.manifest.build <= state->highest_build) continue;
+    state->highest_build = v.manifest.manifest.build, state->highest_id = v.id;
+  }
 }
 
 Result<std::vector<std::string>> RunnableVersions(const StoreLayout& layout) {

@@ -42,6 +42,7 @@ auto ReadJson(const fs::path& path, const std::string& mend, const Parse& parse)
   }
 }
 
+constexpr char kFsckMend[] = "; mend it with panofix-runtime fsck --repair";
 constexpr char kInitMend[] = "; make a store with panofix-runtime init --store";
 
 StoreConfig ConfigFrom(const Json& j) {
@@ -61,6 +62,7 @@ StoreState StateFrom(const Json& j) {
   StoreState state;
   state.active = IdFrom(j, "active"), state.previous = IdFrom(j, "previous");
   j.at("is_proven").get_to(state.is_proven);
+  if (j.contains("before_previous")) state.before_previous = IdFrom(j, "before_previous");
   j.at("highest_build").get_to(state.highest_build);
   state.highest_id = IdFrom(j, "highest_id");
   const auto floor_s = ParseUtc(j.at("time_floor").get<std::string>());
@@ -94,8 +96,15 @@ Result<StoreConfig> ReadStoreConfig(const StoreLayout& layout) {
 }
 
 Result<StoreState> ReadStoreState(const StoreLayout& layout) {
-  if (!fs::exists(layout.state())) return StoreState{};
-  return ReadJson(layout.state(), "; mend it with panofix-runtime fsck --repair", StateFrom);
+  std::error_code error;
+  if (!fs::exists(layout.state(), error)) {
+    // What was seen here is forgotten: an older map would get in.
+    if (fs::directory_iterator(layout.versions(), error) != fs::directory_iterator() && !error)
+      return Status(ErrorCode::kBadData,
+                    layout.state().string() + ": is missing, though versions are here" + kFsckMend);
+    return StoreState{};
+  }
+  return ReadJson(layout.state(), kFsckMend, StateFrom);
 }
 
 Result<StoreKeys> ReadStoreKeys(const StoreLayout& layout) {
@@ -117,13 +126,14 @@ Status WriteStoreConfig(const StoreLayout& layout, const StoreConfig& config) {
 }
 
 Status WriteStoreState(const StoreLayout& layout, const StoreState& state) {
-  const Json j = {{"format", kStoreFormat},
-                  {"active", state.active},
-                  {"previous", state.previous},
-                  {"is_proven", state.is_proven},
-                  {"highest_build", state.highest_build},
-                  {"highest_id", state.highest_id},
-                  {"time_floor", FormatUtc(state.time_floor_s)}};
+  Json j = {{"format", kStoreFormat},
+            {"active", state.active},
+            {"previous", state.previous},
+            {"is_proven", state.is_proven},
+            {"highest_build", state.highest_build},
+            {"highest_id", state.highest_id},
+            {"time_floor", FormatUtc(state.time_floor_s)}};
+  if (!state.before_previous.empty()) j["before_previous"] = state.before_previous;
   return WriteFileAtomically(layout.state(), j.dump(1) + "\n");
 }
 

@@ -41,6 +41,9 @@ struct StoreConfig {
 struct StoreState {
   std::string active, previous;  // bundle ids; empty = none
   bool is_proven = false;        // the active one has passed its health probe
+  // While the active one is not proven: what `previous` was before it, and is again should the
+  // probe fail.
+  std::string before_previous;
   // The newest build that was ever installed here, and which bundle that was.
   std::int64_t highest_build = -1;
   std::string highest_id;
@@ -53,7 +56,8 @@ struct StoreKeys {
   std::vector<std::string> endorsed_by;  // by trusted key: an id, or "" where put in by hand
 };
 
-// kNotFound, kBadData; each names the file and the mend. A state that was never written is empty.
+// kNotFound, kBadData; each names the file and the mend. A state that was
+// never written is empty, but kBadData where versions are here.
 [[nodiscard]] Result<StoreConfig> ReadStoreConfig(const StoreLayout& layout);
 [[nodiscard]] Result<StoreState> ReadStoreState(const StoreLayout& layout);
 [[nodiscard]] Result<StoreKeys> ReadStoreKeys(const StoreLayout& layout);

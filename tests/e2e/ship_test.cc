@@ -116,6 +116,8 @@ TEST_F(Ship, VerifySaysWhatItIs) {
   EXPECT_EQ(json["created"], kCreated);
   EXPECT_EQ(json["manifest"]["build"], 1);
   ExpectRefused(Runtime({"verify", Map(1)}), 64, "--trusted-key");
+  const fs::path old = fs::path(PANOFIX_SOURCE_DIR) / "schemas/golden/bundle-1.0";
+  ExpectRefused(Runtime({"verify", old, "--trusted-key", Path("map.pub")}), 76, "bundle format 1");
 }
 
 TEST_F(Ship, InspectSaysWhoseSignatureItIs) {
@@ -135,6 +137,7 @@ TEST_F(Ship, InspectSaysWhoseSignatureItIs) {
   EXPECT_EQ(state(inspect(Map(1), {})), "not verified");
   const Outcome theirs = inspect(Map(1), {"--trusted-key", Path("next.pub")});
   EXPECT_EQ(theirs.exit_code, 77) << theirs.errors;
+  EXPECT_THAT(theirs.errors, HasSubstr(Map(1).string()));
   EXPECT_EQ(state(theirs), "bad");
   const fs::path bare = Copy();
   fs::remove(bare / "manifest.json.minisig");
@@ -172,11 +175,18 @@ TEST_F(Ship, ADeltaBringsTheNextBuildByteForByte) {
     const fs::path path = fs::relative(entry.path(), Map(2));
     EXPECT_TRUE(ReadText(version / path) == ReadText(entry.path())) << path;
   }
-  ExpectDone(Runtime({"rollback", "--store", store_}));
+  // A probe that has no time to answer changes nothing.
+  ExpectRefused(Runtime({"rollback", "--store", store_, "--probe-timeout-s", "0.001"}), 88,
+                "within 0.001 s");
+  EXPECT_EQ(State()["previous"], IdOf(Map(1)));
+  const Outcome back = Runtime({"rollback", "--store", store_});
+  ExpectDone(back);
+  EXPECT_THAT(back.output, HasSubstr("in force: build 1"));
   EXPECT_EQ(State()["active"], IdOf(Map(1)));
   ExpectDone(Runtime({"fsck", "--store", store_}));
   const Outcome list = Runtime({"list", "--store", store_});
   EXPECT_THAT(list.output, HasSubstr("build 2"));
+  EXPECT_THAT(list.output, testing::Not(HasSubstr(" \n")));
   ExpectDone(Runtime({"gc", "--store", store_}));
 }
 
@@ -252,7 +262,29 @@ TEST_F(Ship, KeysRotateAndAreRevoked) {
   // From now on the old key's word counts for nothing.
   ExpectRefused(Install(Map(1)), 80, "revoked");
   ExpectRefused(Runtime({"rollback", "--store", store_}), 80, "revoked");
-  EXPECT_THAT(Runtime({"list", "--store", store_}).output, HasSubstr("revoked"));
+  const std::string list = Runtime({"list", "--store", store_}).output;
+  EXPECT_THAT(list, HasSubstr("build 1  key " + map_id));
+  EXPECT_THAT(list, HasSubstr("key " + map_id + "  revoked"));
+  EXPECT_THAT(list, testing::Not(HasSubstr("key " + map_id + "  put in by hand")));
+  // It is garbage, and no damage.
+  ExpectDone(Runtime({"fsck", "--store", store_}));
+  ExpectDone(Runtime({"gc", "--store", store_}));
+  EXPECT_THAT(Runtime({"list", "--store", store_}).output,
+              testing::Not(HasSubstr("build 1  key " + map_id)));
+  EXPECT_EQ(State()["active"], IdOf(second));
+}
+
+TEST_F(Ship, WrongUseIsNamed) {
+  EXPECT_THAT(Builder({"biuld"}).errors, HasSubstr("unknown command 'biuld'; see panofix-builder"));
+  EXPECT_THAT(Runtime({"--log-level", "info", "serv"}).errors, HasSubstr("command 'serv'; see"));
+  const Outcome ahead =
+      Builder({"sign", Copy(), "--key", Path("map.key"), "--created", "2199-01-01T00:00:00Z"});
+  EXPECT_EQ(ahead.exit_code, 64);
+  EXPECT_THAT(ahead.errors, HasSubstr("--allow-future"));
+  const Outcome unknown = Runtime({"revoke", "--store", store_, "00000000000000AA"});
+  ExpectDone(unknown);
+  EXPECT_THAT(unknown.errors, HasSubstr("not known here"));
+  ExpectRefused(Runtime({"revoke", "--store", store_, "AA"}), 64, "16 hex digits");
 }
 
 TEST_F(Ship, AMapThatDoesNotRunIsTakenBack) {

@@ -3,6 +3,7 @@
 
 #include <functional>
 
+#include "tests/common/io/temp_folder.h"
 #include "tests/rules/source_tree.h"
 
 namespace panofix {
@@ -121,6 +122,17 @@ TEST(Rules, TheBuildIsTheSameEverywhere) {
   EXPECT_EQ(CMakeHygiene(Planted("common/CMakeLists.txt", {"add(-march=native)"})).size(), 1U);
   EXPECT_EQ(CMakeHygiene(Planted("a.cmake", {"file(GLOB x *.cc)"})).size(), 1U);
   ExpectNone(CMakeHygiene(Planted("a.cmake", {"# never -ffast-math"})));
+}
+
+TEST(Rules, NoSecretKeyIsInTheTree) {
+  ExpectNone(SecretKeys(kRoot));
+  const TempFolder folder;
+  WriteText(folder / "map.pub", "untrusted comment: minisign public key 0\nRWQ\n");
+  WriteText(folder / "build" / "map.key", "left by a test");
+  ExpectNone(SecretKeys(folder.path()));
+  WriteText(folder / "a" / "map.key", "x");
+  WriteText(folder / "a" / "other.txt", "untrusted comment: minisign encrypted secret key\nRW\n");
+  EXPECT_EQ(SecretKeys(folder.path()).size(), 2U);
 }
 
 TEST(Rules, ModulesFormNoRing) {

@@ -245,6 +245,26 @@ Faults CMakeHygiene(const SourceFile& file) {
   return faults;
 }
 
+Faults SecretKeys(const fs::path& root) {
+  static const std::regex secret(R"(^untrusted comment: .*secret key)");
+  Faults faults;
+  for (auto entry = fs::recursive_directory_iterator(root); entry != fs::end(entry); ++entry) {
+    const fs::path path = entry->path().lexically_relative(root);
+    if (entry->is_directory()) {
+      if (path == "build" || path == "out" || path == ".git" || path == ".cache")
+        entry.disable_recursion_pending();
+      continue;
+    }
+    std::ifstream in(entry->path());
+    std::string first(200, '\0');
+    in.read(first.data(), static_cast<std::streamsize>(first.size()));
+    if (path.extension() == ".key" || std::regex_search(first, secret))
+      faults.push_back(path.string() +
+                       ":1: a secret key; keep it out of the tree, use another one");
+  }
+  return faults;
+}
+
 Faults ModuleRings(const std::vector<SourceFile>& files) {
   std::map<std::string, std::map<std::string, std::string>> uses;  // folder -> folder -> where
   for (const SourceFile& file : files) {

@@ -43,6 +43,8 @@ using Faults = std::vector<std::string>;
 [[nodiscard]] Faults FileLength(const SourceFile& file);
 // No flags that change results between machines, no globs, no downloads.
 [[nodiscard]] Faults CMakeHygiene(const SourceFile& file);
+// Secret keys anywhere under `root` but in what builds and git leave there: by name or content.
+[[nodiscard]] Faults SecretKeys(const std::filesystem::path& root);
 // Folders that include each other in a ring.
 [[nodiscard]] Faults ModuleRings(const std::vector<SourceFile>& files);
 

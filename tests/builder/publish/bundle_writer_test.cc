@@ -185,6 +185,19 @@ TEST(PublishParts, ReplacesABundleThatIsThere) {
   EXPECT_EQ(NumEntries(folder / "b"), 5U);
 }
 
+TEST(PublishParts, ALostSignatureIsLogged) {
+  const TempFolder folder;
+  const auto log_of_publishing = [&] {
+    testing::internal::CaptureStderr();
+    static_cast<void>(Publish(folder / "b", Content(), GivenTile));
+    return testing::internal::GetCapturedStderr();
+  };
+  EXPECT_EQ(log_of_publishing().find("was signed"), std::string::npos);
+  WriteText(folder / "b" / kManifestSignatureName, "signature");
+  EXPECT_NE(log_of_publishing().find("was signed"), std::string::npos);
+  EXPECT_FALSE(fs::exists(folder / "b" / kManifestSignatureName));
+}
+
 TEST(PublishParts, AFailureLeavesTheOldBundleAndNothingElse) {
   const TempFolder folder;
   (void)Publish(folder / "b", Content(), GivenTile);

@@ -129,6 +129,31 @@ TEST_F(PackageWriterTest, KeysComeAlong) {
   EXPECT_EQ(entries[2].second, ReadText(folder_ / "next.pub.minisig"));
 }
 
+TEST_F(PackageWriterTest, NoDeltaLeadsToAnotherMapOrBack) {
+  const auto make = [&](const std::string& name, std::int64_t build, const std::string& map) {
+    CraftedBundle b = SmallBundle();
+    b.manifest.build = build;
+    b.manifest.name = map;
+    b.Write(folder_ / name);
+    SignBundle(folder_ / name, key_, ReleaseOptions{});
+    return folder_ / name;
+  };
+  const fs::path old = make("old", 2, "city"), moon = make("moon", 3, "moon");
+  const fs::path lower = make("lower", 1, "city"), equal = make("equal", 2, "city");
+  const auto code = [&](const fs::path& target) {
+    try {
+      WritePackage(old, target, {}, folder_ / "x.pfb");
+    } catch (const Error& error) {
+      return error.code();
+    }
+    return ErrorCode::kOk;
+  };
+  EXPECT_EQ(code(moon), ErrorCode::kWrongMap);
+  EXPECT_EQ(code(lower), ErrorCode::kDowngrade);
+  EXPECT_FALSE(fs::exists(folder_ / "x.pfb"));
+  EXPECT_EQ(code(equal), ErrorCode::kOk) << "a renewed signature";
+}
+
 TEST_F(PackageWriterTest, WhatIsNotSignedOrNotWholeIsNotShipped) {
   const fs::path one = Bundle("one", 1), two = Bundle("two", 2);
   fs::remove(two / kManifestSignatureName);

@@ -26,9 +26,10 @@ TEST_F(ReleaseTest, ASignedBundleOpensWithItsKeyAndKeepsItsId) {
   const std::string id = MapBundle::Open(folder_ / "b").value()->id();
   EXPECT_EQ(MapBundle::Open(folder_ / "b", Ring()).status().code(), ErrorCode::kUntrusted);
   WriteText(folder_ / "score.json",
-            R"({"share_fix": 0.5, "median_position_error_m": null, "frames": [1], "n": 3})");
+            R"({"num_frames": 4, "num_fixes": 2, "share_fix": 0.5, "share_false_fixes": 0,)"
+            R"("median_position_error_m": null, "frames": [1]})");
   options_.scores = folder_ / "score.json";
-  options_.revoked_keys = {"aa"};  // minisign leaves leading zeros out
+  options_.revoked_keys = {"00000000000000aa"};
   options_.expires_days = 0.5;
   const ReleaseStatement said = SignBundle(folder_ / "b", key_, options_);
   const auto bundle = MapBundle::Open(folder_ / "b", Ring());
@@ -40,7 +41,10 @@ TEST_F(ReleaseTest, ASignedBundleOpensWithItsKeyAndKeepsItsId) {
   EXPECT_EQ(statement.created_s, 1800000000);
   EXPECT_EQ(statement.expires_s, 1800043200);
   EXPECT_EQ(statement.revoked_keys, std::vector<std::string>{"00000000000000AA"});
-  EXPECT_EQ(statement.quality, (std::map<std::string, double>{{"share_fix", 0.5}, {"n", 3}}));
+  EXPECT_EQ(
+      statement.quality,
+      (std::map<std::string, double>{
+          {"num_frames", 4}, {"num_fixes", 2}, {"share_fix", 0.5}, {"share_false_fixes", 0}}));
   EXPECT_EQ(said.expires_s, statement.expires_s);
   // Without a key to verify with it counts as unsigned.
   EXPECT_FALSE(MapBundle::Open(folder_ / "b").value()->release().has_value());
@@ -69,12 +73,21 @@ TEST_F(ReleaseTest, OptionsHaveTheirRules) {
     EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), std::invalid_argument) << days;
   }
   options_.expires_days = 1;
-  WriteText(folder_ / "score.json", "[]");
+  options_.latest_created_s = options_.created_s - 1;
+  EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), std::invalid_argument);
+  options_.latest_created_s = options_.created_s;
+  EXPECT_NO_THROW(SignBundle(folder_ / "b", key_, options_));
   options_.scores = folder_ / "score.json";
-  EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), Error);
+  for (const char* table : {"[]", "{}", R"({"version": 1})",
+                            R"({"num_frames": 4, "num_fixes": 2, "share_fix": 0.5})"}) {
+    WriteText(folder_ / "score.json", table);
+    EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), Error) << table;
+  }
   options_.scores.clear();
-  options_.revoked_keys = {"not an id"};
-  EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), Error);
+  for (const char* id : {"not an id", "aa", "00000000000000a", "00000000000000aa0"}) {
+    options_.revoked_keys = {id};
+    EXPECT_THROW(SignBundle(folder_ / "b", key_, options_), Error) << id;
+  }
 }
 
 TEST_F(ReleaseTest, EndorsementsLeadFromKeyToKey) {

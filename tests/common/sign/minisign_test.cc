@@ -65,10 +65,11 @@ TEST(Minisign, EveryFlippedBitOfASignatureIsFound) {
   EXPECT_FALSE(Verifies(kMessage, bad, key));
 }
 
-TEST(Minisign, KeyIdsArePastedInManyWays) {
+TEST(Minisign, KeyIdsAreTakenWhole) {
   EXPECT_EQ(KeyIdFromText("ACCD224A19AF94B9"), "ACCD224A19AF94B9");
-  EXPECT_EQ(KeyIdFromText("b1f33cf2d8bfdbf"), "0B1F33CF2D8BFDBF");
-  for (const char* text : {"", "x", "ACCD224A19AF94B90", "AC CD", "-1"})
+  EXPECT_EQ(KeyIdFromText("0b1f33cf2d8bfdbf"), "0B1F33CF2D8BFDBF");
+  for (const char* text :
+       {"", "x", "ACCD224A19AF94B", "ACCD224A19AF94BX", "ACCD224A19AF94B90", "AC CD", "-1"})
     EXPECT_FALSE(KeyIdFromText(text)) << text;
 }
 

@@ -66,10 +66,40 @@ TEST_F(ActivateTest, AFailedProbeOfTheFirstVersionLeavesNone) {
 }
 
 TEST_F(ActivateTest, AFailedRollbackStaysWhereItWas) {
-  Run(1);
-  const std::string two = Run(2);
+  const std::string one = Run(1), two = Run(2);
   EXPECT_EQ(Rollback(layout_, kFails).code(), ErrorCode::kUnhealthy);
   EXPECT_EQ(State().active, two);
+  // The way back is still open, and stays so when the next one fails.
+  EXPECT_EQ(State().previous, one);
+  ASSERT_TRUE(InstallFolder(Bundle(3)).ok());
+  EXPECT_EQ(Activate(layout_, "", kFails).code(), ErrorCode::kUnhealthy);
+  EXPECT_EQ(State().active, two);
+  EXPECT_EQ(State().previous, one);
+  ASSERT_TRUE(Rollback(layout_, OpeningProbe(layout_)).ok());
+  EXPECT_EQ(BuildInForce(), 1);
+}
+
+TEST_F(ActivateTest, ARollbackCutOffBeforeItsProbeKeepsTheWayBack) {
+  const std::string one = Run(1), two = Run(2);
+  const HealthProbe stopped = [](const std::filesystem::path&) {
+    return Status(ErrorCode::kCancelled, "stopped");
+  };
+  EXPECT_EQ(Rollback(layout_, stopped).code(), ErrorCode::kCancelled);
+  EXPECT_EQ(State().active, one);
+  EXPECT_EQ(SettleActivation(layout_, kFails).code(), ErrorCode::kUnhealthy);
+  EXPECT_EQ(State().active, two);
+  EXPECT_EQ(State().previous, one);
+}
+
+TEST_F(ActivateTest, AnUnprovenVersionIsNothingToGoBackTo) {
+  const std::string one = Run(1), two = Run(2);
+  StoreState cut = State();
+  cut.active = IdOf(Bundle(3)), cut.previous = two, cut.before_previous = one;
+  cut.is_proven = false;
+  ASSERT_TRUE(WriteStoreState(layout_, cut).ok());
+  ASSERT_TRUE(ActivateHere(two).ok());
+  EXPECT_EQ(State().active, two);
+  EXPECT_EQ(State().previous, one);
 }
 
 TEST_F(ActivateTest, OlderOnesComeBackByRollbackOnly) {
@@ -86,6 +116,18 @@ TEST_F(ActivateTest, WhatIsNotInstalledIsNotFound) {
   EXPECT_EQ(RunnableVersions(layout_).status().code(), ErrorCode::kNotFound);
 }
 
+TEST_F(ActivateTest, TheBeginningOfAnIdWillDo) {
+  const std::string one = InstallFolder(Bundle(1)).value().id;
+  EXPECT_EQ(ActivateHere(one.substr(0, 5)).code(), ErrorCode::kInvalidArgument);
+  const std::string other = (one[0] == 'a' ? "b" : "a") + one.substr(1, 9);
+  EXPECT_EQ(ActivateHere(other).code(), ErrorCode::kNotFound);
+  std::filesystem::create_directory(layout_.version(one.substr(0, 60) + "0000"));
+  EXPECT_EQ(ActivateHere(one.substr(0, 60)).code(), ErrorCode::kInvalidArgument);
+  std::filesystem::remove(layout_.version(one.substr(0, 60) + "0000"));
+  EXPECT_TRUE(ActivateHere(one.substr(0, 6)).ok());
+  EXPECT_EQ(State().active, one);
+}
+
 TEST_F(ActivateTest, ExpiryIsAskedAgain) {
   const std::string one = Run(1);
   const auto report = InstallFolder(Bundle(2));
@@ -93,6 +135,7 @@ TEST_F(ActivateTest, ExpiryIsAskedAgain) {
   state.time_floor_s = 4000000001;
   ASSERT_TRUE(WriteStoreState(layout_, state).ok());
   EXPECT_EQ(ActivateHere(report.value().id).code(), ErrorCode::kExpired);
+  EXPECT_NE(ActivateHere(report.value().id).message().find("time_floor"), std::string::npos);
   // What is in force stays in force: better an old map than none.
   EXPECT_EQ(BuildInForce(), 1);
 }
@@ -176,7 +219,7 @@ TEST(RunInChild, OutlivesCrashesAndHangs) {
       },
       0.3);
   EXPECT_EQ(hung.code(), ErrorCode::kUnhealthy);
-  EXPECT_NE(hung.message().find("no answer"), std::string::npos);
+  EXPECT_NE(hung.message().find("no answer within 0.3 s"), std::string::npos);
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "common/io/atomic_file.h"
+#include "runtime/store/upkeep.h"
 #include "tests/runtime/store/store_kit.h"
 
 namespace panofix {
@@ -89,6 +90,8 @@ TEST_F(InstallTest, DowngradesAreRefused) {
                 ErrorCode::kDowngrade, "says to be build 5");
   // The memory of it outlives the version and the state.
   fs::remove(layout_.state());
+  ExpectRefused(Bundle(4), ErrorCode::kBadData, "fsck --repair");
+  ASSERT_TRUE(CheckStore(layout_, true).ok());
   ExpectRefused(Bundle(4), ErrorCode::kDowngrade, "build 5");
 }
 

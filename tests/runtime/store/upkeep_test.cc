@@ -125,5 +125,99 @@ TEST_F(UpkeepTest, AnUnreadableStateIsMadeAnew) {
   EXPECT_TRUE(InstallFolder(Bundle(3)).ok());
 }
 
+TEST_F(UpkeepTest, ALostStateIsRebuiltAsStrictAsCanBeKnown) {
+  Run(1);
+  const std::string two = Run(2), three = InstallFolder(Bundle(3)).value().id;
+  const StoreState before = State();
+  Damage(layout_.object(PartHash(3, "graph.h5")));  // its manifest still tells its number
+  fs::remove(layout_.state());
+  EXPECT_EQ(InstallFolder(Bundle(1)).status().code(), ErrorCode::kBadData);
+  EXPECT_NE(CheckStore(layout_, false).value().faults.back().find("missing"), std::string::npos);
+  const auto report = CheckStore(layout_, true);
+  ASSERT_TRUE(report.ok());
+  EXPECT_TRUE(report->in_force.ok());
+  EXPECT_EQ(State().active, two);
+  EXPECT_EQ(State().highest_build, 3);
+  EXPECT_EQ(State().highest_id, three);
+  EXPECT_EQ(State().time_floor_s, before.time_floor_s);
+  EXPECT_EQ(InstallFolder(Bundle(1)).status().code(), ErrorCode::kDowngrade);
+}
+
+TEST_F(UpkeepTest, AnEmptyStoreMayLackItsState) {
+  fs::remove(layout_.state());
+  EXPECT_TRUE(CheckStore(layout_, false).value().faults.empty());
+  EXPECT_TRUE(CheckStore(layout_, true).value().in_force.ok());
+}
+
+TEST_F(UpkeepTest, WhereNothingIsLeftInForceTheMendIsSaid) {
+  Run(1), Run(2);
+  const std::string shared = PartHash(1, "tiles/0.h5");
+  ASSERT_EQ(shared, PartHash(2, "tiles/0.h5"));
+  const std::size_t num_objects = NumObjects();
+  Damage(layout_.object(shared));
+  const auto report = CheckStore(layout_, true);
+  ASSERT_TRUE(report.ok());
+  EXPECT_EQ(report->in_force.code(), ErrorCode::kNotFound);
+  EXPECT_NE(report->in_force.message().find("install build 2"), std::string::npos);
+  EXPECT_EQ(State().active, "");
+  // Only the damaged part has to come again.
+  EXPECT_EQ(NumObjects(), num_objects - 1);
+  EXPECT_EQ(InstallFolder(Bundle(2)).value().num_new_parts, 1U);
+}
+
+TEST_F(UpkeepTest, OneGoodCopyMendsAllVersions) {
+  const std::string one = Run(1), two = Run(2);
+  const std::string shared = PartHash(1, "tiles/0.h5");
+  // Build 2 has a copy of its own.
+  const fs::path path = layout_.version(two) / "tiles/0.h5";
+  const std::string text = ReadText(path);
+  fs::remove(path);
+  WriteText(path, text);
+  Damage(layout_.object(shared));
+  const auto report = CheckStore(layout_, true);
+  ASSERT_TRUE(report.ok());
+  EXPECT_TRUE(CheckStore(layout_, false).value().faults.empty());
+  EXPECT_EQ(State().active, two);
+  EXPECT_EQ(State().previous, one);
+}
+
+TEST_F(UpkeepTest, WhatARevokedKeySignedIsGarbageAndNoDamage) {
+  const std::string one = Run(1);
+  ASSERT_TRUE(TrustKey(layout_, FormatPublicKey(other_.key()), "", "two").ok());
+  SignFolder(Bundle(2), other_);
+  const std::string two = Run(2);
+  ASSERT_TRUE(RevokeKey(layout_, signer_.id()).ok());
+  EXPECT_TRUE(CheckStore(layout_, false).value().faults.empty());
+  const StoreVersion revoked = ListVersions(layout_).value().front();
+  EXPECT_TRUE(revoked.is_revoked());
+  EXPECT_EQ(revoked.manifest.manifest.build, 1);
+  EXPECT_EQ(State().previous, one);
+  const auto report = CollectGarbage(layout_);
+  ASSERT_TRUE(report.ok()) << report.status().message();
+  EXPECT_EQ(report->removed_versions, std::vector<std::string>{one});
+  EXPECT_EQ(State().previous, "");
+  EXPECT_EQ(State().active, two);
+  EXPECT_EQ(BuildInForce(), 2);
+}
+
+TEST_F(UpkeepTest, TheActiveVersionIsNeverGarbage) {
+  const std::string one = Run(1);
+  ASSERT_TRUE(TrustKey(layout_, FormatPublicKey(other_.key()), "", "two").ok());
+  SignFolder(Bundle(2), other_);
+  ASSERT_TRUE(InstallFolder(Bundle(2)).ok());
+  const Status refused = RevokeKey(layout_, signer_.id());
+  EXPECT_EQ(refused.code(), ErrorCode::kInvalidArgument);
+  EXPECT_NE(refused.message().find("--force"), std::string::npos);
+  EXPECT_EQ(BuildInForce(), 1);
+  ASSERT_TRUE(RevokeKey(layout_, signer_.id(), true).ok());
+  const std::size_t num_objects = NumObjects();
+  ASSERT_TRUE(CollectGarbage(layout_).ok());
+  EXPECT_EQ(NumObjects(), num_objects);
+  // It is no longer served: that is a fault, and the next best takes over.
+  EXPECT_EQ(CheckStore(layout_, false).value().faults.size(), 1U);
+  ASSERT_TRUE(CheckStore(layout_, true).ok());
+  EXPECT_EQ(State().active, IdOf(Bundle(2)));
+}
+
 }  // namespace
 }  // namespace panofix
