@@ -101,9 +101,10 @@ TEST_F(TileIndicesTest, WhatIsAheadIsLoadedAndWhatIsBehindDropped) {
 }
 
 TEST_F(TileIndicesTest, WhatWouldBeDroppedAgainIsNotLoadedAhead) {
-  // The first tile and its index do not fit.
-  TileIndices indices(bundle_, true, bundle_->tiles().num_bytes(0),
-                      [] { return std::uint64_t{0}; });
+  // Half of a tile fits.
+  constexpr std::uint64_t kBound_bytes = std::uint64_t{1} << 40;
+  const std::uint64_t beside_bytes = kBound_bytes - bundle_->tiles().num_bytes(0) / 2;
+  TileIndices indices(bundle_, true, kBound_bytes, [=] { return beside_bytes; });
   const std::int64_t num_loads = bundle_->tiles().num_loads();
   for (int i = 0; i < 50; ++i) {
     indices.Follow({0, 0, 0}, {0, 1, 0});
