@@ -49,10 +49,14 @@ function(panofix_module name)
   endif()
 endfunction()
 
-# panofix_app(NAME SOURCES … DEPS …): an executable of that name in bin/.
+# panofix_app(NAME [INSTALL] SOURCES … DEPS …): an executable of that name in bin/. INSTALL: it goes to
+# PREFIX/bin with cmake --install.
 function(panofix_app name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS" ${ARGN})
+  cmake_parse_arguments(ARG "INSTALL" "" "SOURCES;DEPS" ${ARGN})
   add_executable(${name} ${ARG_SOURCES})
+  if(ARG_INSTALL)
+    install(TARGETS ${name})
+  endif()
   target_link_libraries(${name} PRIVATE panofix_flags ${ARG_DEPS})
   target_precompile_headers(${name} REUSE_FROM panofix_pch)
 endfunction()

@@ -4,8 +4,6 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 
-#include <algorithm>
-
 #include "common/base/log.h"
 #include "common/io/read_file.h"
 #include "common/io/sealed_copy.h"
@@ -19,13 +17,12 @@ namespace fs = std::filesystem;
 
 using map_internal::kMend;
 
-// A soft limit of 1024 open files is common; the hard one is far higher.
-void AllowOpenFiles(std::size_t num_files) {
-  constexpr rlim_t kOthers = 256;  // sockets, logs, libraries
+// A soft limit of 1024 open files is common; the hard one is far higher. What else is open is not
+// known here: two maps may be, and many a socket. Where it is refused the limit stays.
+void AllowOpenFiles() {
   struct rlimit limit {};
-  const rlim_t wanted = static_cast<rlim_t>(num_files) + kOthers;
-  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur >= wanted) return;
-  limit.rlim_cur = std::min(wanted, limit.rlim_max);
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur == limit.rlim_max) return;
+  limit.rlim_cur = limit.rlim_max;
   static_cast<void>(::setrlimit(RLIMIT_NOFILE, &limit));
 }
 
@@ -135,7 +132,7 @@ Result<UniqueFd> CopyVerifiedPart(int fd, const BundlePart& part, const std::str
 
 Result<std::vector<UniqueFd>> OpenParts(const fs::path& folder,
                                         const std::vector<BundlePart>& parts) {
-  AllowOpenFiles(parts.size());
+  AllowOpenFiles();
   std::vector<UniqueFd> descriptors;
   for (const BundlePart& part : parts) {
     auto fd = OpenPart(folder, part);
@@ -150,7 +147,7 @@ Result<VerifiedBundle> VerifyBundle(const fs::path& folder, const KeyRing& ring)
   if (!manifest.ok()) return manifest.status();
   VerifiedBundle bundle;
   bundle.manifest = std::move(*manifest);
-  AllowOpenFiles(bundle.manifest.manifest.parts.size());
+  AllowOpenFiles();
   for (const BundlePart& part : bundle.manifest.manifest.parts) {
     auto fd = OpenPart(folder, part);
     if (!fd.ok()) return fd.status();

@@ -25,10 +25,13 @@ void AddLocalizerOptions(CLI::App* command, LocalizerOptions* options) {
       ->type_name("LEVER[,LEVER...]");
   command->add_option("--threads", options->num_threads, "processors to use; 0 = all")
       ->capture_default_str();
-  command->add_option_function<std::uint64_t>(
-      "--memory-mb", [options](std::uint64_t mb) { options->max_memory_bytes = mb << 20; },
-      "what the process may take of memory: tiles far from the vehicle are dropped and read again "
-      "when they are wanted (default: no bound)");
+  constexpr int kMost_mb = 1 << 20;  // a slip of the keys beyond
+  command
+      ->add_option_function<std::uint64_t>(
+          "--memory-mb", [options](std::uint64_t mb) { options->max_memory_bytes = mb << 20; },
+          "what the process may take of memory: tiles far from the vehicle are dropped and read "
+          "again when they are wanted; 0 = no bound (default: 0)")
+      ->check(CLI::Range(0, kMost_mb));
   command->add_option("--seed", options->seed, "seed of the robust search; same frames, same poses")
       ->capture_default_str();
 }

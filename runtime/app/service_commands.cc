@@ -41,7 +41,8 @@ void AddServeSockets(CLI::App* command, ServeCommand* o) {
       ->add_option("--max-rate-hz", o->serve.max_rate_hz,
                    "frames that come faster are left out; 0 = no bound")
       ->capture_default_str();
-  command->add_option("--max-frame-mb", o->max_frame_mb, "a larger message ends the connection")
+  command
+      ->add_option("--max-frame-mb", o->max_frame_mb, "a larger message part ends the connection")
       ->capture_default_str()
       ->check(CLI::Range(1, 1024));
 }
@@ -76,11 +77,15 @@ StoreCommand AddServe(CLI::App* app) {
       ->excludes(bundle);
   AddTrustedKeyOption(command, &o->keys);
   AddServeSockets(command, o.get());
-  command->add_option("--camera", o->serve.camera,
-                      "camera.yaml; default: from the feed, else from the bundle");
+  command->add_option(
+      "--camera", o->serve.camera,
+      "camera.yaml of the feed. Without it the feed's own calibration is awaited for "
+      "2 s from the first frame, frames being left unanswered, and then the "
+      "bundle's is used");
   command
       ->add_option("--deadline-ms", o->serve.deadline_ms,
-                   "answer no_fix once a frame is older than this; 0 = none")
+                   "answer no_fix once a frame is older than this; 0 = none. Looking a place up "
+                   "takes some 450 ms of two processors: give 500 or more")
       ->capture_default_str();
   command->add_option("--http", o->serve.http_port,
                       "port on 127.0.0.1 for the live page, /metrics, /healthz and /readyz; "

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "common/base/cancel.h"
+#include "common/base/log.h"
 
 namespace panofix {
 namespace {
@@ -70,9 +71,20 @@ std::shared_ptr<const TileIndex> TileIndices::Of(std::size_t tile) {
   if (slot.state == State::kReady) return slot.index;
   slot.state = State::kBusy;
   lock.unlock();
-  std::shared_ptr<const TileIndex> index = Derive(tile);
+  std::shared_ptr<const TileIndex> index;
+  try {
+    index = Derive(tile);
+  } catch (...) {
+    // Others wait for it; the next to ask tries again.
+    lock.lock();
+    slot.state = State::kAbsent;
+    lock.unlock();
+    changed_.notify_all();
+    throw;
+  }
   lock.lock();
   slot.index = index;
+  slot.num_bytes = bundle_->tiles().num_bytes(tile) + index->num_bytes();
   slot.state = State::kReady;
   lock.unlock();
   changed_.notify_all();
@@ -102,6 +114,20 @@ void TileIndices::Follow(const Eigen::Vector3d& here_in_map, const Eigen::Vector
   changed_.notify_all();
 }
 
+bool TileIndices::WouldStay(std::size_t tile) const {
+  const TileCache& tiles = bundle_->tiles();
+  const std::uint64_t taken =
+      memory_beside_tiles_() + tiles.num_loaded_bytes() + slots_[tile].num_bytes;
+  if (taken <= max_memory_bytes_) return true;
+  // Those farther away go first.
+  std::uint64_t worse = 0;
+  for (std::size_t other = 0; other < slots_.size(); ++other) {
+    if (tiles.IsLoaded(other) && slots_[other].distance_m > slots_[tile].distance_m)
+      worse += slots_[other].num_bytes;
+  }
+  return taken + max_memory_bytes_ / kSlack <= max_memory_bytes_ + worse;
+}
+
 void TileIndices::LoadAhead() {
   std::unique_lock lock(mutex_);
   while (true) {
@@ -109,8 +135,17 @@ void TileIndices::LoadAhead() {
     if (stop_) return;
     const std::size_t tile = ahead_.front();
     ahead_.erase(ahead_.begin());
+    if (!WouldStay(tile)) {
+      ahead_.clear();  // the others are farther away still
+      continue;
+    }
     lock.unlock();
-    static_cast<void>(Of(tile));
+    try {
+      static_cast<void>(Of(tile));
+    } catch (const std::exception& error) {
+      // A frame that needs the tile tries again, and says so.
+      LogWarning(Format("tile %zu is not loaded ahead: %s", tile, error.what()));
+    }
     lock.lock();
   }
 }
@@ -146,6 +181,14 @@ void TileIndices::Trim() {
     excess -= freed;
   }
   ReturnFreedMemory();
+  const std::uint64_t left = memory_beside_tiles_() + bundle_->tiles().num_loaded_bytes();
+  if (is_told_ || left <= max_memory_bytes_) return;
+  is_told_ = true;
+  LogWarning(
+      Format("memory is to stay below %llu MB, but %llu MB are in use with hardly a tile of "
+             "the map loaded: the bound does not hold, and every search reads the map again",
+             static_cast<unsigned long long>(max_memory_bytes_ >> 20),
+             static_cast<unsigned long long>(left >> 20)));
 }
 
 TileMemory TileIndices::memory() const {

@@ -36,7 +36,8 @@ struct TileMemory {
 class TileIndices {
  public:
   // Looks at every tile once. `max_memory_bytes` bounds what this process takes (0 = no bound):
-  // tiles are dropped for it, worst first. What is left without any tile may be above it.
+  // tiles are dropped for it, worst first. What is left without any tile may be above it; the log
+  // says so once.
   // `memory_beside_tiles` tells what else is taken.
   TileIndices(std::shared_ptr<const MapBundle> bundle, bool use_landmarks,
               std::uint64_t max_memory_bytes,
@@ -62,10 +63,13 @@ class TileIndices {
     std::shared_ptr<const TileIndex> index;
     std::vector<std::uint32_t> words;  // of its landmarks; kept, being costly
     Eigen::AlignedBox2d extent_in_map;
-    double distance_m = 0;  // from the way
+    double distance_m = 0;        // from the way
+    std::uint64_t num_bytes = 0;  // with its index, when it was last there
   };
   [[nodiscard]] std::shared_ptr<const TileIndex> Derive(std::size_t tile);
   void Drop(std::size_t tile);
+  // Whether a tile would be kept if it were loaded: REQUIRES mutex_ held.
+  [[nodiscard]] bool WouldStay(std::size_t tile) const;
   void LoadAhead();
 
   const std::shared_ptr<const MapBundle> bundle_;
@@ -75,6 +79,7 @@ class TileIndices {
   LocalFrame local_;
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;
+  bool is_told_ = false;  // that the bound does not hold
   std::vector<Slot> slots_;
   std::vector<std::size_t> ahead_;  // to be loaded, nearest first
   bool stop_ = false;

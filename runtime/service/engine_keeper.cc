@@ -44,11 +44,14 @@ void EngineKeeper::Use(std::unique_ptr<FrameEngine> engine) {
     const std::lock_guard lock(camera_mutex_);
     camera_ = engine_->camera();
   }
+  refused_.reset();  // another map may take it
   ++generation_;
   monitor_.SetMap(engine_->facts());
 }
 
 EngineKeeper::Opened EngineKeeper::OpenAnother() {
+  // Nothing is open, so there is no camera in use: answered as the feed's frames are.
+  if (generation_ == 0) return Opened(std::make_unique<LoadingEngine>(bundle_camera_));
   const std::lock_guard source_lock(source_mutex_);
   Camera camera;
   {
@@ -75,6 +78,7 @@ Status EngineKeeper::Open() {
 }
 
 Status EngineKeeper::StartOpening(const Camera& camera) {
+  opening_camera_ = camera;
   opening_ = std::async(std::launch::async, [this, camera] {
     const std::lock_guard lock(source_mutex_);
     return source_.Open(camera);
@@ -96,7 +100,9 @@ Status EngineKeeper::TakeOpened() {
   }
   if (before_) engine_ = std::move(before_);
   if (generation_ == 0) return opened.status();
-  calibration_log_.Warn("calibration refused: " + opened.status().message());
+  refused_ = opening_camera_;
+  LogWarning("calibration refused: " + opened.status().message() +
+             "; it is not tried again with this map");
   return {};
 }
 
@@ -122,6 +128,8 @@ void EngineKeeper::TakeCalibration(const WireBytes& payload) {
                           "; build a bundle for this camera");
     return;
   }
+  // It is sent every second, and each try costs frames their answer.
+  if (refused_ && SameCamera(*camera, *refused_)) return;
   // A map under way would come for the old camera; the next calibration, a second later, is taken.
   if (update_.valid() || opening_.valid()) return;
   LogInfo("calibration of the feed: opening the map for it");

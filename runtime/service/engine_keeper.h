@@ -5,6 +5,7 @@
 #include <future>
 #include <memory>
 #include <mutex>
+#include <optional>
 
 #include "runtime/service/frame_engine.h"
 #include "runtime/service/log_throttle.h"
@@ -33,7 +34,8 @@ class EngineKeeper {
   // Whether frames may be answered: they are left unanswered for a while before the calibration,
   // because a wrong camera gives wrong poses. `waited_s`: since the first frame.
   [[nodiscard]] bool CameraIsKnown(double waited_s);
-  // One more engine like the one in use. Thread-safe.
+  // One more engine like the one in use; one that answers "map_loading" until there is one.
+  // Thread-safe once Open has returned.
   [[nodiscard]] Result<std::unique_ptr<FrameEngine>> OpenAnother();
 
   // Asks for a newer map now and then, opens it beside the one in use and takes it once it is
@@ -43,7 +45,8 @@ class EngineKeeper {
  private:
   using Opened = Result<std::unique_ptr<FrameEngine>>;
   void Use(std::unique_ptr<FrameEngine> engine);
-  // Opens the map for another camera; see Open.
+  // Opens the map for another camera; see Open. Frames wait although an engine is in use: what it
+  // would answer with a camera that the feed no longer has would be wrong.
   [[nodiscard]] Status StartOpening(const Camera& camera);
   [[nodiscard]] Status TakeOpened();
   void TakeNewer();
@@ -58,6 +61,8 @@ class EngineKeeper {
   std::mutex source_mutex_;              // guards source_, whoever asks it
   std::mutex camera_mutex_;              // guards camera_
   Camera camera_;                        // of the engine in use
+  Camera opening_camera_;                // that the map is, or was last, opened for
+  std::optional<Camera> refused_;        // that the map in use does not open for
   std::future<Opened> opening_;          // valid while the map is being opened for a camera
   std::unique_ptr<FrameEngine> before_;  // in use before that; absent at the start
   std::future<Opened> update_;           // valid while a newer map is being opened

@@ -156,13 +156,15 @@ Result<IncomingFrame> UnpackFrame(const WireBytes& payload) {
              bytes.size(), foxglove::CompressedImageIdentifier(), foxglove::RawImageIdentifier()));
 }
 
-Result<GrayImage> ConvertFrame(const IncomingFrame& frame, const DecodeLimits& limits) {
+Result<GrayImage> ConvertFrame(const IncomingFrame& frame, const DecodeLimits& limits) try {
   if (frame.kind == FrameKind::kRaw) return ConvertRaw(frame, limits);
   if (frame.encoding != "jpeg" && frame.encoding != "png") {
     return Bad("compressed frame of format '" + frame.encoding + "'; send jpeg or png");
   }
   if (frame.data.empty()) return Bad("compressed frame without bytes");
   return DecodeGray(frame.data, 1, limits);
+} catch (const std::bad_alloc&) {
+  return Status(ErrorCode::kTooLarge, "no memory for the frame's pixels");
 }
 
 DecodeLimits FrameLimitsFor(const Camera& camera) {

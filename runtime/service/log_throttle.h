@@ -14,18 +14,19 @@ class LogThrottle {
   explicit LogThrottle(std::chrono::milliseconds interval = std::chrono::seconds(5))
       : interval_(interval) {}
 
-  void Warn(const std::string& message) { Write(LogLevel::kWarning, message); }
-  // Logs a line, or counts it for the next one that is let through.
-  void Write(LogLevel level, const std::string& message) {
+  bool Warn(const std::string& message) { return Write(LogLevel::kWarning, message); }
+  // Logs a line, or counts it for the next one that is let through; whether it was logged.
+  bool Write(LogLevel level, const std::string& message) {
     const auto now = std::chrono::steady_clock::now();
     if (shown_once_ && now - shown_ < interval_) {
       ++held_back_;
-      return;
+      return false;
     }
     Log(level, held_back_ == 0
                    ? message
                    : message + " (and " + std::to_string(held_back_) + " more like it)");
     shown_once_ = true, shown_ = now, held_back_ = 0;
+    return true;
   }
 
  private:

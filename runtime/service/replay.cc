@@ -27,11 +27,14 @@ std::string TextIn(const McapMetadata& metadata, const char* key) {
   return at == metadata.end() ? "" : at->second;
 }
 
-// What must not differ, as bytes: an answer that went over the wire and back, without latencies.
+// What must not differ, as bytes: an answer that went over the wire and back, without latencies,
+// and without whose keys were given then and now.
 Result<std::vector<std::uint8_t>> Essence(std::span<const std::uint8_t> packed) {
   auto answer = UnpackResult(WireBytes::Copy(packed));
   if (!answer.ok()) return answer.status();
   answer->result.latency = {};
+  answer->result.map_is_unsigned = true;
+  answer->bundle.is_signed = false;
   return PackResult(answer->result, answer->bundle, 0);
 }
 

@@ -5,6 +5,7 @@
 #include <thread>
 
 #include "common/base/log.h"
+#include "runtime/service/log_throttle.h"
 #include "runtime/service/messages.h"
 #include "runtime/service/socket_support.h"
 #include "runtime/service/sockets.h"
@@ -29,8 +30,9 @@ struct RequestServer::Impl {
     if (thread.joinable()) thread.join();
   }
   void Run();
-  // The parts of a request, however many.
+  // The parts of a request; none where they are more than two.
   std::vector<std::shared_ptr<zmq::message_t>> Receive();
+  Reply AnswerOrSayWhyNot(std::vector<std::shared_ptr<zmq::message_t>> parts);
   Reply Answer(std::vector<std::shared_ptr<zmq::message_t>> parts);
 
   zmq::context_t context;  // outlives the sockets
@@ -42,21 +44,38 @@ struct RequestServer::Impl {
   ServiceMonitor* monitor = nullptr;
   std::unique_ptr<FrameEngine> engine;
   int engine_generation = -1;
+  LogThrottle request_log;
   std::atomic<bool> stop{false};
   std::thread thread;
 };
 
 std::vector<std::shared_ptr<zmq::message_t>> RequestServer::Impl::Receive() {
-  constexpr std::size_t kMostKept = 3;  // one more than a good request has
+  constexpr std::size_t kNumParts = 2;
   std::vector<std::shared_ptr<zmq::message_t>> parts;
-  bool more = true;
+  bool more = true, is_surplus = false;
   while (more) {
     auto part = std::make_shared<zmq::message_t>();
     if (!socket.recv(*part)) break;
     more = part->more();
-    if (parts.size() < kMostKept) parts.push_back(std::move(part));
+    is_surplus = is_surplus || parts.size() == kNumParts;
+    // Of a message that has too many nothing is kept while the others are read.
+    if (is_surplus) {
+      parts.clear();
+    } else {
+      parts.push_back(std::move(part));
+    }
   }
   return parts;
+}
+
+// One image that cannot be answered, too large for the memory, say, does not end the others.
+Reply RequestServer::Impl::AnswerOrSayWhyNot(std::vector<std::shared_ptr<zmq::message_t>> parts) {
+  try {
+    return Answer(std::move(parts));
+  } catch (const std::exception& error) {
+    request_log.Warn(endpoint + ": a request could not be answered: " + error.what());
+    return ErrorReply(std::string("cannot be answered: ") + error.what());
+  }
 }
 
 Reply RequestServer::Impl::Answer(std::vector<std::shared_ptr<zmq::message_t>> parts) {
@@ -91,7 +110,7 @@ void RequestServer::Impl::Run() {
     try {
       zmq::pollitem_t item{socket.handle(), 0, ZMQ_POLLIN, 0};
       if (zmq::poll(&item, 1, kPoll) == 0) continue;
-      const Reply reply = Answer(Receive());
+      const Reply reply = AnswerOrSayWhyNot(Receive());
       monitor->Count(&MonitorSnapshot::num_requests);
       socket.send(zmq::buffer(reply.topic), zmq::send_flags::sndmore);
       socket.send(zmq::buffer(reply.payload), zmq::send_flags::none);

@@ -111,6 +111,7 @@ Status ServeSession::HandleFrame(const ArrivedFrame& arrived) {
   answered.result.timestamp_ns = frame->timestamp_ns;
   monitor_.AddAnswer(answered.result, wait_ms, answered.decode_ms);
   CountTiles();
+  WatchDeadline(answered.result);
   ShowPicture(*frame, answered.result);
   return Publish(*frame, answered);
 }
@@ -146,6 +147,17 @@ void ServeSession::CountTiles() {
   monitor_.Set(&MonitorSnapshot::num_tile_loads, memory.num_loads);
   monitor_.Set(&MonitorSnapshot::num_tiles_failed, memory.num_failed);
   monitor_.Set(&MonitorSnapshot::tile_bytes, static_cast<std::int64_t>(memory.num_bytes));
+}
+
+void ServeSession::WatchDeadline(const FrameResult& result) {
+  constexpr int kMany = 20;
+  if (result.pose) num_cut_ = 0;
+  if (result.reason != "deadline" || ++num_cut_ != kMany || is_deadline_told_) return;
+  is_deadline_told_ = true;
+  LogWarning(
+      Format("--deadline-ms %g ended the work on %d frames since the last pose: looking a place up "
+             "takes longer than following it; give more time",
+             options_.deadline_ms, kMany));
 }
 
 void ServeSession::ShowPicture(const IncomingFrame& frame, const FrameResult& result) {

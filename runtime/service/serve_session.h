@@ -38,6 +38,8 @@ class ServeSession {
                                 std::chrono::steady_clock::time_point arrived);
   void FollowEngine();
   void CountTiles();
+  // Says once that the deadline leaves no time to find a place.
+  void WatchDeadline(const FrameResult& result);
   void ShowPicture(const IncomingFrame& frame, const FrameResult& result);
   void Report();
 
@@ -53,6 +55,8 @@ class ServeSession {
   std::optional<std::chrono::steady_clock::time_point> first_frame_;
   std::chrono::steady_clock::time_point reported_ = std::chrono::steady_clock::now();
   std::int64_t num_answers_ = 0;
+  int num_cut_ = 0;  // frames that the deadline ended since the last pose
+  bool is_deadline_told_ = false;
   LogThrottle frame_log_, decode_log_;
 };
 

@@ -1,6 +1,7 @@
 // The subscribing side: a SUB socket and the monitor that tells of its connections.
 
 #include <chrono>
+#include <utility>
 
 #include "common/base/log.h"
 #include "runtime/service/log_throttle.h"
@@ -29,6 +30,9 @@ struct Subscriber::Impl {
   SubscriberCounters counters;
   int num_opened = 0;
   std::optional<Clock::time_point> reopen_at;
+  bool was_connected = false;
+  bool is_told_gone = false;    // by the log, and not yet that one is back
+  bool is_turned_away = false;  // a disconnect will follow that the log has told of
   LogThrottle connection_log, handshake_log, malformed_log;
 
   void Open();
@@ -41,6 +45,7 @@ struct Subscriber::Impl {
 void Subscriber::Impl::Open() {
   monitor.reset();
   reopen_at.reset();
+  is_turned_away = false;
   socket = zmq::socket_t(context, zmq::socket_type::sub);
   socket.set(zmq::sockopt::linger, 0);
   // Never ZMQ_CONFLATE: with multipart messages any peer can abort the process through it.
@@ -67,26 +72,33 @@ void Subscriber::Impl::HandleEvent(std::uint16_t event) {
   switch (event) {
     case ZMQ_EVENT_CONNECTED:
     case ZMQ_EVENT_ACCEPTED:
-      // Only the first: a peer that comes and goes would fill the log.
-      if (counters.connects++ == 0) LogInfo(endpoint + ": connected");
+      ++counters.connects;
+      break;
+    case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
+      // The first, and one after each line that one has gone: a peer that comes and goes would fill
+      // the log.
+      if (!was_connected) LogInfo(endpoint + ": connected");
+      if (is_told_gone) LogInfo(endpoint + ": connected again");
+      was_connected = true, is_told_gone = false;
       break;
     case ZMQ_EVENT_DISCONNECTED:
       ++counters.disconnects;
       if (!binds) reopen_at = Clock::now() + kReopenDelay;
-      connection_log.Warn(
+      if (std::exchange(is_turned_away, false)) break;
+      is_told_gone |= connection_log.Warn(
           Format("%s: disconnected: the publisher ended, or sent a message above "
                  "%zu bytes; waiting for it",
                  endpoint.c_str(), options.max_message_bytes));
       break;
     case ZMQ_EVENT_HANDSHAKE_FAILED_AUTH:
+      is_turned_away = true;
       // Bound, the gate has counted it.
       if (!binds) ++counters.denied;
       handshake_log.Warn(endpoint + (binds ? ": a publisher was turned away for its key"
                                            : ": turned away; is our key listed there?"));
       break;
-    case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
-      break;
     default:
+      is_turned_away = true;
       if (options.security.own) ++counters.denied;
       if (!binds) reopen_at = Clock::now() + kReopenDelay;
       handshake_log.Warn(endpoint +
@@ -107,6 +119,8 @@ std::optional<WireMessage> Subscriber::Impl::ReceiveOne() {
   zmq::message_t surplus;
   while (more) {
     zmq::message_t& part = num_parts == 1 ? *payload : surplus;
+    // Of a message that has too many nothing is kept while the others are read.
+    if (num_parts == 2) payload->rebuild();
     if (!socket.recv(part, zmq::recv_flags::dontwait)) break;
     more = part.more();
     ++num_parts;

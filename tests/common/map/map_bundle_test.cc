@@ -1,6 +1,8 @@
 #include "common/map/map_bundle.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <array>
@@ -10,6 +12,7 @@
 #include <map>
 
 #include "common/io/sha256.h"
+#include "common/io/unique_fd.h"
 #include "common/map/landmark_codes.h"
 #include "tests/common/io/temp_folder.h"
 #include "tests/common/map/crafted_bundle.h"
@@ -53,6 +56,27 @@ TEST(MapBundle, HoldsWhatWasWritten) {
   EXPECT_EQ(bundle->vocabulary().sift.centroids, crafted.vocabulary.sift.centroids);
   EXPECT_EQ(bundle->vocabulary().num_words(), 6U);
   EXPECT_EQ(bundle->vocabulary().idf, crafted.vocabulary.idf);
+}
+
+// The limit is meant for this process as a whole, whatever else it has open.
+TEST(MapBundle, OpensBesideManyOpenFiles) {
+  const TempFolder folder;
+  SmallBundle().Write(folder / "b");
+  rlimit old{};
+  getrlimit(RLIMIT_NOFILE, &old);
+  const rlimit low{400, old.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &low), 0);
+  std::vector<UniqueFd> others;
+  while (true) {
+    UniqueFd fd(::open("/dev/null", O_RDONLY | O_CLOEXEC));
+    if (!fd.valid()) break;
+    others.push_back(std::move(fd));
+  }
+  constexpr std::size_t kLeft = 2;  // enough to read the manifest, not to hold the parts
+  ASSERT_GT(others.size(), kLeft);
+  others.resize(others.size() - kLeft);
+  EXPECT_TRUE(OpenOrFail(folder / "b"));
+  setrlimit(RLIMIT_NOFILE, &old);
 }
 
 TEST(MapBundle, StationsAndTheirViewsFollowThePanoramas) {

@@ -100,6 +100,32 @@ TEST_F(TileIndicesTest, WhatIsAheadIsLoadedAndWhatIsBehindDropped) {
   EXPECT_EQ(indices.memory().num_loaded, 1);
 }
 
+TEST_F(TileIndicesTest, WhatWouldBeDroppedAgainIsNotLoadedAhead) {
+  // Half of a tile fits.
+  constexpr std::uint64_t kBound_bytes = std::uint64_t{1} << 40;
+  const std::uint64_t beside_bytes = kBound_bytes - bundle_->tiles().num_bytes(0) / 2;
+  TileIndices indices(bundle_, true, kBound_bytes, [=] { return beside_bytes; });
+  const std::int64_t num_loads = bundle_->tiles().num_loads();
+  for (int i = 0; i < 50; ++i) {
+    indices.Follow({0, 0, 0}, {0, 1, 0});
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    indices.Trim();
+  }
+  EXPECT_EQ(bundle_->tiles().num_loads(), num_loads);
+}
+
+TEST_F(TileIndicesTest, ABoundThatCannotHoldIsToldOnce) {
+  SetLogLevel("warning");
+  testing::internal::CaptureStderr();
+  TileIndices indices(bundle_, true, 1, [] { return std::uint64_t{5} << 20; });
+  indices.Trim();
+  const std::string log = testing::internal::GetCapturedStderr();
+  SetLogLevel("off");
+  const auto at = log.find("the bound does not hold");
+  ASSERT_NE(at, std::string::npos) << log;
+  EXPECT_EQ(log.find("the bound does not hold", at + 1), std::string::npos) << log;
+}
+
 TEST_F(TileIndicesTest, ADeletedFileIsReadOn) {
   const std::vector<float> expected = Scores(bundle_, 0);
   std::filesystem::remove_all(folder_ / "b");

@@ -9,18 +9,6 @@ namespace {
 
 using namespace service_test;
 
-// Opens when it is let, or told to stop.
-class SlowSource : public FakeSource {
- public:
-  Result<std::unique_ptr<FrameEngine>> Open(const Camera& camera) override {
-    while (!may_open && !CancelRequested()) SleepMs(1);
-    if (CancelRequested()) return Status(ErrorCode::kCancelled, "interrupted");
-    if (is_broken) return Status(ErrorCode::kBadData, "the map is broken");
-    return FakeSource::Open(camera);
-  }
-  std::atomic<bool> may_open{false}, is_broken{false};
-};
-
 class Loading : public ServiceTest {
  protected:
   SlowSource source_;
@@ -85,6 +73,32 @@ TEST_F(Loading, ACalibrationOfTheFeedHasFramesWaitToo) {
   EXPECT_TRUE(SendUntil(camera, kFrameTopic, PackFrame(4, SampleJpeg()), poses,
                         [](const ReceivedResult& r) { return r.row.reason.empty(); }));
   EXPECT_EQ(source_.opened().size(), 2U);
+}
+
+// A camera sends its calibration every second; frames must not wait for each.
+TEST_F(Loading, ACalibrationThatDoesNotOpenIsTriedOnce) {
+  source_.may_open = true;
+  Publisher camera = OpenPublisher();
+  RunningServe serve(ServeOptionsFor(camera.endpoint()), source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  const auto is_answered = [](const ReceivedResult& r) { return r.row.reason.empty(); };
+  ASSERT_TRUE(SendUntil(camera, kFrameTopic, PackFrame(1, SampleJpeg()), poses, is_answered));
+  source_.is_broken = true;
+  const auto refused = PackCalibration(2, Camera::FromHorizontalFov(64, 48, 60));
+  for (int i = 0; i < 5; ++i) {
+    ASSERT_TRUE(camera.Send(kCameraTopic, refused).ok());
+    ASSERT_TRUE(SendUntil(camera, kFrameTopic, PackFrame(3 + i, SampleJpeg()), poses,
+                          [&](const ReceivedResult& r) { return r.row.timestamp_ns == 3 + i; }));
+  }
+  EXPECT_EQ(source_.num_tried, 2);
+  // Another one is.
+  source_.is_broken = false;
+  const auto good = PackCalibration(9, Camera::FromHorizontalFov(64, 48, 50));
+  EXPECT_TRUE(Eventually([&] {
+    EXPECT_TRUE(camera.Send(kCameraTopic, good).ok());
+    SleepMs(5);
+    return source_.opened().size() == 2;
+  }));
 }
 
 }  // namespace

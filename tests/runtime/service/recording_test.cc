@@ -197,6 +197,33 @@ TEST_F(RunRecording, ADifferentAnswerIsFound) {
   EXPECT_GT(report->first_different_ns, 0);
 }
 
+// A signed map is often replayed without its keys at hand.
+TEST_F(RunRecording, WhetherASignatureIsVerifiedIsNotCompared) {
+  RecordRun(0);
+  class Signed : public CountingEngine {
+   public:
+    using CountingEngine::CountingEngine;
+    FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
+                         const TimeIsUp& time_is_up) override {
+      FrameResult result = CountingEngine::Localize(timestamp_ns, frame, time_is_up);
+      result.map_is_unsigned = false;
+      return result;
+    }
+    const BundleIdentity& bundle() const override { return signed_; }
+    BundleIdentity signed_ = [] {
+      BundleIdentity bundle = SampleBundle();
+      bundle.is_signed = true;
+      return bundle;
+    }();
+  };
+  const auto report =
+      Replay(file_, [](const std::string&, const Camera& camera, const LocalizerOptions&) {
+        return Result<std::unique_ptr<FrameEngine>>(std::make_unique<Signed>(0, camera));
+      });
+  ASSERT_TRUE(report.ok());
+  EXPECT_EQ(report->num_different, 0);
+}
+
 TEST_F(RunRecording, AfterACrashWhatWasWrittenReplays) {
   RecordRun(0);
   std::filesystem::resize_file(file_, std::filesystem::file_size(file_) * 2 / 3);

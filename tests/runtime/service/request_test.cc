@@ -14,7 +14,8 @@ using Parts = std::vector<std::string>;
 
 class Requesting : public ServiceTest {
  protected:
-  void Start() {
+  void Start(bool may_open = true) {
+    source_.may_open = may_open;
     ServeOptions options = ServeOptionsFor("tcp://127.0.0.1:9");
     options.requests = kAnyPort;
     options.update_interval_s = 0.01;
@@ -48,7 +49,7 @@ class Requesting : public ServiceTest {
     return ValueOrThrow(UnpackResult(WireBytes::Copy({bytes, reply.at(1).size()})));
   }
 
-  FakeSource source_;
+  SlowSource source_;
   std::string endpoint_;
   std::unique_ptr<RunningServe> serve_;
   zmq::context_t context_;
@@ -85,6 +86,26 @@ TEST_F(Requesting, AnImageThatDoesNotDecodeIsNoFix) {
   auto jpeg = SampleJpeg();
   jpeg.resize(jpeg.size() / 2);
   EXPECT_EQ(ResultIn(AskFrame(PackFrame(7, jpeg))).row.reason, "frame_undecodable");
+}
+
+TEST_F(Requesting, WhileTheMapIsOpenedTheReplySaysSo) {
+  Start(false);
+  const ReceivedResult early = ResultIn(AskFrame(PackFrame(1, SampleJpeg())));
+  EXPECT_EQ(early.row.reason, "map_loading");
+  source_.may_open = true;
+  EXPECT_TRUE(Eventually([&] {
+    return ResultIn(AskFrame(PackFrame(2, SampleJpeg()))).row.status == FixStatus::kFix;
+  }));
+}
+
+TEST_F(Requesting, AnImageThatTakesTooMuchMemoryDoesNotEndTheService) {
+  Start();
+  source_.is_memory_out = true;
+  const Parts reply = AskFrame(PackFrame(1, SampleJpeg()));
+  ASSERT_EQ(reply.size(), 2U);
+  EXPECT_EQ(reply[0], kErrorTopic);
+  source_.is_memory_out = false;
+  ResultIn(AskFrame(PackFrame(2, SampleJpeg())));
 }
 
 TEST_F(Requesting, StopsWhileAClientWaits) {

@@ -65,6 +65,23 @@ TEST_F(Secured, AListedKeyIsServedAndAStrangerIsNot) {
   EXPECT_EQ(friendly.counters().denied, 0);
 }
 
+// Nothing was connected, so nothing ended either.
+TEST_F(Secured, TheLogSaysTurnedAwayAndNoMore) {
+  Publisher publisher = Bind();
+  SetLogLevel("info");
+  testing::internal::CaptureStderr();
+  Subscriber strange = Connect(publisher.endpoint(), ForClient(stranger_));
+  EXPECT_TRUE(Eventually([&] {
+    static_cast<void>(publisher.TakeSubscriptions(5));
+    EXPECT_FALSE(ReceiveOne(strange, 5).has_value());
+    return strange.counters().disconnects > 1;
+  }));
+  const std::string log = testing::internal::GetCapturedStderr();
+  SetLogLevel("off");
+  EXPECT_NE(log.find("turned away; is our key listed"), std::string::npos) << log;
+  EXPECT_EQ(log.find("connected"), std::string::npos) << log;
+}
+
 TEST_F(Secured, NobodyWithoutAKeyIsServed) {
   Publisher publisher = Bind();
   Subscriber plain = Connect(publisher.endpoint(), {});

@@ -26,6 +26,7 @@ class FakeEngine : public FrameEngine {
   FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
                        const TimeIsUp& time_is_up) override {
     ++source_.num_begun;
+    if (source_.is_memory_out) throw std::bad_alloc();
     // Steps of a millisecond, so that there is something to end between.
     const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(source_.work_ms);
     do {
@@ -158,6 +159,14 @@ Result<std::unique_ptr<FrameEngine>> FakeSource::OpenUpdate(const Camera& camera
 std::vector<Camera> FakeSource::opened() const {
   const std::lock_guard lock(mutex_);
   return opened_;
+}
+
+Result<std::unique_ptr<FrameEngine>> SlowSource::Open(const Camera& camera) {
+  ++num_tried;
+  while (!may_open && !CancelRequested()) SleepMs(1);
+  if (CancelRequested()) return Status(ErrorCode::kCancelled, "interrupted");
+  if (is_broken) return Status(ErrorCode::kBadData, "the map is broken");
+  return FakeSource::Open(camera);
 }
 
 RunningServe::RunningServe(ServeOptions options, EngineSource& source) {

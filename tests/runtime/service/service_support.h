@@ -83,7 +83,8 @@ class FakeSource : public EngineSource {
   Result<std::unique_ptr<FrameEngine>> OpenUpdate(const Camera& camera) override;
 
   [[nodiscard]] std::vector<Camera> opened() const;
-  std::atomic<int> work_ms{0};  // how long a frame takes
+  std::atomic<bool> is_memory_out{false};  // frames throw then
+  std::atomic<int> work_ms{0};             // how long a frame takes
   std::atomic<int> num_begun{0}, num_localized{0}, num_forgotten{0};
   std::atomic<int> update_ms{0};  // how long a newer map takes to open
   std::atomic<std::int64_t> next_build{
@@ -93,6 +94,14 @@ class FakeSource : public EngineSource {
   mutable std::mutex mutex_;
   std::vector<Camera> opened_;
   std::int64_t opening_ = 0;
+};
+
+// Opens when it is let, or told to stop.
+class SlowSource : public FakeSource {
+ public:
+  Result<std::unique_ptr<FrameEngine>> Open(const Camera& camera) override;
+  std::atomic<bool> may_open{false}, is_broken{false};
+  std::atomic<int> num_tried{0};
 };
 
 // Runs ServeFrom in a thread; the destructor stops it.

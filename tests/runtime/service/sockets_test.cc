@@ -197,6 +197,34 @@ TEST_F(FrameReceiving, FrameAboveTheLimitEndsTheConnectionOnly) {
   EXPECT_TRUE(DeliverUntil(publisher, *receiver, 2));
 }
 
+std::size_t CountIn(const std::string& text, const std::string& part) {
+  std::size_t count = 0;
+  for (std::size_t at = 0; (at = text.find(part, at)) != std::string::npos; ++at) ++count;
+  return count;
+}
+
+TEST_F(FrameReceiving, AnOutageIsToldAndItsEndToo) {
+  const TemporaryFolder folder;
+  const std::string endpoint = "ipc://" + (folder.path() / "frames").string();
+  SetLogLevel("info");
+  testing::internal::CaptureStderr();
+  auto publisher = std::make_unique<Publisher>(OpenPublisher(endpoint));
+  const auto receiver = OpenReceiver(endpoint);
+  EXPECT_TRUE(DeliverUntil(*publisher, *receiver, 1));
+  publisher.reset();
+  EXPECT_TRUE(Eventually([&] {
+    SleepMs(5);
+    return receiver->counters().disconnects == 1;
+  }));
+  publisher = std::make_unique<Publisher>(OpenPublisher(endpoint));
+  EXPECT_TRUE(DeliverUntil(*publisher, *receiver, 2));
+  const std::string log = testing::internal::GetCapturedStderr();
+  SetLogLevel("off");
+  EXPECT_EQ(CountIn(log, "frames: connected\n"), 1U) << log;
+  EXPECT_EQ(CountIn(log, "frames: disconnected"), 1U) << log;
+  EXPECT_EQ(CountIn(log, "frames: connected again\n"), 1U) << log;
+}
+
 // ZeroMQ itself never tries again an address whose peer wanted another security mechanism.
 TEST_F(FrameReceiving, CameraInThePlaceOfAForeignServerIsPickedUp) {
   const TemporaryFolder folder;

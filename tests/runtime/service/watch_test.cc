@@ -92,5 +92,25 @@ TEST_F(Watching, StopsWhileSomebodyWatches) {
   EXPECT_FALSE(client.Get("/healthz"));
 }
 
+TEST_F(Watching, ADeadlineThatLeavesNoTimeIsToldOnce) {
+  Publisher camera = OpenPublisher();
+  ServeOptions options = ServeOptionsFor(camera.endpoint());
+  options.deadline_ms = 1;
+  source_.work_ms = 1000;
+  RunningServe serve(options, source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  SetLogLevel("warning");
+  testing::internal::CaptureStderr();
+  int num_late = 0;
+  EXPECT_TRUE(SendUntil(
+      camera, kFrameTopic, PackFrame(1, SampleJpeg()), poses,
+      [&](const ReceivedResult& r) { return r.row.reason == "deadline" && ++num_late == 45; }));
+  const std::string log = testing::internal::GetCapturedStderr();
+  SetLogLevel("off");
+  const auto at = log.find("--deadline-ms 1 ended");
+  ASSERT_NE(at, std::string::npos) << log;
+  EXPECT_EQ(log.find("--deadline-ms 1 ended", at + 1), std::string::npos) << log;
+}
+
 }  // namespace
 }  // namespace panofix
