@@ -184,8 +184,13 @@ TEST_F(IncrementalBuild, AReleaseSaysWhatItIs) {
               1e-5);
   EXPECT_EQ(Builder({"inspect", (data_->town() / "camera.yaml").string()}).exit_code, 65);
   // A build with it says the words that it has, whatever was asked for.
-  const Files again = Night("again", city_, {"--sift-words", "900"});
-  EXPECT_EQ(Json::parse(again.at("manifest.json"))["provenance"]["options"]["num_sift_words"], 500);
+  const fs::path work = data_->root() / "again.work";
+  const Outcome again =
+      Builder({"plan", "--panoramas", data_->panoramas(), "--camera", data_->camera(), "--out",
+               (data_->root() / "again").string(), "--work", work.string(), "--vocabulary",
+               release.string(), "--sift-words", "900"});
+  ASSERT_EQ(again.exit_code, 0) << again.errors;
+  EXPECT_EQ(ReadJson(work / "plan.json")["options"]["num_sift_words"], 500);
   // Words of other descriptors would say nothing.
   const Outcome other =
       data_->Build(data_->panoramas(), data_->root() / "plain",
