@@ -5,6 +5,7 @@
 
 #include "builder/app/commands.h"
 #include "common/base/cancel.h"
+#include "common/base/command_line.h"
 #include "common/base/log.h"
 #include "common/base/status.h"
 
@@ -30,19 +31,6 @@ Exit codes: 0 done, 1 the quality gate does not hold, 64 wrong use, 65 bad data,
 74 disk, 75 a stage that may succeed another time, 76 bundle format not readable, 77 not signed,
 130 interrupted (run the same build again to resume).)";
 
-// The word that stands where a command should; the parser only says that none is there.
-std::string NoCommand(const CLI::App& app, int argc, char** argv) {
-  if (!app.get_subcommands().empty()) return {};
-  for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i];
-    if (word == "--log-level")
-      ++i;
-    else if (!word.starts_with("-"))
-      return "unknown command '" + word + "'";
-  }
-  return {};
-}
-
 int Dispatch(int argc, char** argv) {
   CLI::App app("panofix-builder: map bundles from street panoramas");
   app.footer(kExamples);
@@ -64,7 +52,8 @@ int Dispatch(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    const std::string unknown = NoCommand(app, argc, argv);
+    const std::string unknown =
+        app.get_subcommands().empty() ? panofix::UnknownCommand(argc, argv) : "";
     throw panofix::Error(
         ErrorCode::kInvalidArgument,
         (unknown.empty() ? std::string(error.what()) : unknown) + "; see panofix-builder --help");

@@ -3,6 +3,7 @@
 #include <cstdio>
 
 #include "common/base/cancel.h"
+#include "common/base/command_line.h"
 #include "common/base/log.h"
 #include "runtime/app/localize.h"
 #include "runtime/app/localizer_options.h"
@@ -36,19 +37,6 @@ Exit codes: 0 done, 64 wrong use, 65 bad data, 66 not found, 74 disk or network,
 revoked, 81 older than one seen, 82 expired, 83 mixed parts, 84 endless data, 85 incomplete,
 86 another camera, 87 another map, 88 does not run here.)";
 
-// The word that stands where a command should; the parser only says that none is there.
-std::string NoCommand(const CLI::App& app, int argc, char** argv) {
-  if (!app.get_subcommands().empty()) return {};
-  for (int i = 1; i < argc; ++i) {
-    const std::string word = argv[i];
-    if (word == "--log-level")
-      ++i;
-    else if (!word.starts_with("-"))
-      return "unknown command '" + word + "'";
-  }
-  return {};
-}
-
 Status Dispatch(int argc, char** argv, int* parse_exit) {
   CLI::App app("panofix-runtime: where a vehicle is, from one camera and a map bundle");
   app.footer(kExamples);
@@ -81,7 +69,8 @@ Status Dispatch(int argc, char** argv, int* parse_exit) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() != 0) {
-      const std::string unknown = NoCommand(app, argc, argv);
+      const std::string unknown =
+          app.get_subcommands().empty() ? panofix::UnknownCommand(argc, argv) : "";
       return {
           panofix::ErrorCode::kInvalidArgument,
           (unknown.empty() ? std::string(error.what()) : unknown) + "; see panofix-runtime --help"};

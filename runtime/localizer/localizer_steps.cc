@@ -121,8 +121,7 @@ bool Localizer::Impl::Track(const FrameFeatures& features, FrameResult* result) 
 }
 
 bool Localizer::Impl::Bridge(const FrameFeatures& features, FrameResult* result) {
-  if (!levers.bridging || levers.exhaustive || !pose_options.use_guided ||
-      !history.HasRecentFix() || history.seeds().empty() || rivals.IsAmbiguous()) {
+  if (!levers.bridging || !CanTrack() || !history.HasRecentFix() || rivals.IsAmbiguous()) {
     return false;
   }
   Stopwatch watch;
