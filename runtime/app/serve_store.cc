@@ -14,10 +14,10 @@ namespace {
 
 constexpr double kProbe_s = 300;
 
-// Keeps a version from being removed for as long as its engine lives.
+// Keeps a version from being removed for as long as an engine of its map lives.
 class HeldEngine : public FrameEngine {
  public:
-  HeldEngine(VersionHold hold, std::unique_ptr<FrameEngine> engine)
+  HeldEngine(std::shared_ptr<const VersionHold> hold, std::unique_ptr<FrameEngine> engine)
       : hold_(std::move(hold)), engine_(std::move(engine)) {}
   FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
                        const TimeIsUp& time_is_up) override {
@@ -29,11 +29,16 @@ class HeldEngine : public FrameEngine {
   const BundleIdentity& bundle() const override { return engine_->bundle(); }
   const Camera& camera() const override { return engine_->camera(); }
   void Forget() override { engine_->Forget(); }
+  Result<std::unique_ptr<FrameEngine>> Another() const override {
+    auto another = engine_->Another();
+    if (!another.ok()) return another;
+    return std::unique_ptr<FrameEngine>(std::make_unique<HeldEngine>(hold_, std::move(*another)));
+  }
   MapFacts facts() const override { return engine_->facts(); }
   TileMemory memory() const override { return engine_->memory(); }
 
  private:
-  const VersionHold hold_;
+  const std::shared_ptr<const VersionHold> hold_;
   const std::unique_ptr<FrameEngine> engine_;
 };
 
@@ -100,8 +105,8 @@ class StoreSource : public EngineSource {
     if (!hold.ok()) return hold.status();
     auto engine = MakeLocalizerSource(layout_.version(id), options_)->Open(camera);
     if (!engine.ok()) return engine.status();
-    return std::unique_ptr<FrameEngine>(
-        std::make_unique<HeldEngine>(std::move(*hold), std::move(*engine)));
+    return std::unique_ptr<FrameEngine>(std::make_unique<HeldEngine>(
+        std::make_shared<const VersionHold>(std::move(*hold)), std::move(*engine)));
   }
 
   const StoreLayout layout_;

@@ -39,7 +39,7 @@ void AddServeSockets(CLI::App* command, ServeCommand* o) {
   AddBoundSocketOptions(command, &o->wire, "one who may have the poses");
   command
       ->add_option("--max-rate-hz", o->serve.max_rate_hz,
-                   "frames that come faster are left out; 0 = no bound")
+                   "frames that come faster are left out, requests refused; 0 = no bound")
       ->capture_default_str();
   command
       ->add_option("--max-frame-mb", o->max_frame_mb, "a larger message part ends the connection")

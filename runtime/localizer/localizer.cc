@@ -20,7 +20,11 @@ void LocalizerOptions::Check() const {
     throw std::invalid_argument(Format("num_threads = %d; must not be negative", num_threads));
 }
 
-bool Localizer::Impl::IsLate(FrameResult* result) const {
+bool Localizer::Impl::IsLate(FrameResult* result) {
+  if (turn.owns_lock() && !is_first_of_map) {
+    turn.unlock();
+    turn.lock();
+  }
   if (!time_is_up || !time_is_up()) return false;
   result->reason = kDeadline;
   return true;
@@ -104,8 +108,8 @@ Result<std::unique_ptr<Localizer>> Localizer::Open(const std::filesystem::path& 
     if (!status.ok()) return status;
     auto map = MapBundle::Open(bundle, options.trusted_keys, options.max_memory_bytes / 4);
     if (!map.ok()) return map.status();
-    std::unique_ptr<Localizer> localizer(
-        new Localizer(std::make_unique<Impl>(std::move(map).value(), camera, options)));
+    std::unique_ptr<Localizer> localizer(new Localizer(std::make_unique<Impl>(
+        std::make_shared<OpenMap>(std::move(map).value(), options), true, camera, options)));
     if (!localizer->bundle().is_signed) {
       LogWarning(bundle.string() +
                  ": the map's signature is not verified; for development only. Give --trusted-key, "
@@ -116,6 +120,15 @@ Result<std::unique_ptr<Localizer>> Localizer::Open(const std::filesystem::path& 
     return Status(ErrorCode::kInvalidArgument, error.what());
   } catch (const std::exception& error) {
     return Status(ErrorCode::kInternal, bundle.string() + ": " + error.what());
+  }
+}
+
+Result<std::unique_ptr<Localizer>> Localizer::Another() const {
+  try {
+    return std::unique_ptr<Localizer>(new Localizer(
+        std::make_unique<Impl>(impl_->open_map, false, impl_->camera, impl_->options)));
+  } catch (const std::exception& error) {
+    return Status(ErrorCode::kInternal, std::string("another localizer: ") + error.what());
   }
 }
 
@@ -135,6 +148,7 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
   const auto start = std::chrono::steady_clock::now();
   LogDebug(Format("frame %lld", static_cast<long long>(timestamp_ns)));
   impl_->time_is_up = time_is_up;
+  if (impl_->options.max_memory_bytes > 0) impl_->turn = std::unique_lock(impl_->open_map->turns);
   try {
     if (frame.width_px != impl_->camera.width_px || frame.height_px != impl_->camera.height_px) {
       result.reason = "frame_size_differs_from_camera";
@@ -151,6 +165,7 @@ FrameResult Localizer::Localize(std::int64_t timestamp_ns, const GrayImage& fram
     result.reason = "internal_error";
     result.map_is_unsigned = !impl_->identity.is_signed;
   }
+  if (impl_->turn.owns_lock()) impl_->turn.unlock();
   result.latency.total_ms =
       std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   return result;

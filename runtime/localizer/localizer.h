@@ -78,13 +78,17 @@ struct TileMemory;
 using TimeIsUp = std::function<bool()>;
 
 // One localizer serves one camera: it remembers where the last frames were. Not thread-safe; no
-// exception leaves it.
+// exception leaves it. Others over the same open map may work in other threads.
 class Localizer {
  public:
   // Verifies versions and hashes, then maps the bundle read-only.
   [[nodiscard]] static Result<std::unique_ptr<Localizer>> Open(const std::filesystem::path& bundle,
                                                                const Camera& camera,
                                                                const LocalizerOptions& options);
+  // One more over the same open map and camera, as after Open. It adds little memory, and its
+  // frames do not move the tiles that stay. Where memory is bounded the two take turns: this one's
+  // frame waits for a step of the other's, the other's for a frame of this one's.
+  [[nodiscard]] Result<std::unique_ptr<Localizer>> Another() const;
   // Camera that the bundle's views were cut for: the default where none is given.
   [[nodiscard]] static Result<Camera> ReadBundleCamera(const std::filesystem::path& bundle);
   ~Localizer();

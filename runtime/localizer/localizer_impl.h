@@ -5,12 +5,14 @@
 
 #include <chrono>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <vector>
 
 #include "common/map/map_bundle.h"
 #include "runtime/localizer/calibration_watch.h"
 #include "runtime/localizer/estimator_options.h"
+#include "runtime/localizer/fair_mutex.h"
 #include "runtime/localizer/fix_history.h"
 #include "runtime/localizer/localizer.h"
 #include "runtime/localizer/past_frames.h"
@@ -38,12 +40,26 @@ class Stopwatch {
 
 [[nodiscard]] PlaceGraph PlaceGraphOf(const MapBundle& bundle);
 
-struct Localizer::Impl {
-  Impl(std::shared_ptr<const MapBundle> map, const Camera& cam,
-       const LocalizerOptions& localizer_options)
+// What the localizers of one map share.
+struct OpenMap {
+  OpenMap(std::shared_ptr<const MapBundle> map, const LocalizerOptions& options)
       : bundle(std::move(map)),
+        retrieval(bundle, RetrievalOptionsFor(ResolveLevers(options.preset, options.add), *bundle,
+                                              options.max_memory_bytes)) {}
+  std::shared_ptr<const MapBundle> bundle;
+  Retrieval retrieval;
+  FairMutex turns;  // held by who looks at tiles where they may be dropped: memory is bounded
+};
+
+struct Localizer::Impl {
+  // `is_first`: tiles come and go with its motion; the map's other localizers wait for it.
+  Impl(std::shared_ptr<OpenMap> map, bool is_first, const Camera& cam,
+       const LocalizerOptions& localizer_options)
+      : open_map(std::move(map)),
+        is_first_of_map(is_first),
+        bundle(open_map->bundle),
         levers(ResolveLevers(localizer_options.preset, localizer_options.add)),
-        retrieval(bundle, RetrievalOptionsFor(levers, *bundle, localizer_options.max_memory_bytes)),
+        retrieval(open_map->retrieval),
         stations(*bundle),
         places(PlaceGraphOf(*bundle), {}),
         camera(cam),
@@ -104,15 +120,19 @@ struct Localizer::Impl {
   // Tiles come and go with the vehicle.
   void FollowTiles(const FrameResult& result);
   void Advance(std::int64_t now_ns);
-  // Whether the frame's time is up; its reason says so then.
-  bool IsLate(FrameResult* result) const;
+  // Whether the frame's time is up; its reason says so then. No tile is looked at meanwhile, so the
+  // map's first localizer may have its turn.
+  bool IsLate(FrameResult* result);
   void Run(const GrayImage& frame, FrameResult* result);  // result->timestamp_ns is set
   void RunUntracked(const GrayImage& image, const FrameFeatures& features, FrameResult* result);
   void Fill(const PoseOutcome& outcome, const LocalFrame& local, FrameResult* result) const;
 
+  std::shared_ptr<OpenMap> open_map;
+  bool is_first_of_map;
+  std::unique_lock<FairMutex> turn;  // while a frame is worked on and memory is bounded
   std::shared_ptr<const MapBundle> bundle;
   Levers levers;
-  Retrieval retrieval;
+  const Retrieval& retrieval;
   StationGrid stations;
   PlaceFilter places;
   std::int64_t last_frame_ns = 0;

@@ -330,7 +330,7 @@ void Localizer::Impl::FollowTiles(const FrameResult& result) {
     const Eigen::Vector3d here = result.pose->position_in_map;
     Eigen::Vector3d way = kFramesAhead * (here - last_in_map.value_or(here));
     if (way.norm() > kMostAhead_m) way *= kMostAhead_m / way.norm();
-    retrieval.Follow(here, here + way);
+    if (is_first_of_map) retrieval.Follow(here, here + way);
     last_in_map = here;
   }
   retrieval.Trim();

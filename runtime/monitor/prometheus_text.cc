@@ -67,7 +67,9 @@ void WriteAnswers(const MonitorSnapshot& s, Writer* w) {
              Format("status=\"%s\",reason=\"%s\"", FixStatusName(key.first),
                     Escaped(key.second).c_str()));
   }
-  w->Count("panofix_requests_total", s.num_requests, "Single images localized on request.");
+  w->Count("panofix_requests_total", s.num_requests, "Requests that were replied to.");
+  w->Count("panofix_requests_refused_total", s.num_requests_refused,
+           "Of these, refused because they came faster than allowed.");
   w->Count("panofix_recorded_messages_total", s.num_recorded, "Messages written to the recording.");
   w->Count("panofix_not_recorded_messages_total", s.num_not_recorded,
            "Messages that the recording lacks.");

@@ -40,33 +40,33 @@ EngineKeeper::~EngineKeeper() {
 
 void EngineKeeper::Use(std::unique_ptr<FrameEngine> engine) {
   engine_ = std::move(engine);
-  {
-    const std::lock_guard lock(camera_mutex_);
-    camera_ = engine_->camera();
-  }
+  MakeSpare();
   refused_.reset();  // another map may take it
   ++generation_;
   monitor_.SetMap(engine_->facts());
 }
 
-EngineKeeper::Opened EngineKeeper::OpenAnother() {
-  // Nothing is open, so there is no camera in use: answered as the feed's frames are.
-  if (generation_ == 0) return Opened(std::make_unique<LoadingEngine>(bundle_camera_));
-  const std::lock_guard source_lock(source_mutex_);
-  Camera camera;
-  {
-    const std::lock_guard lock(camera_mutex_);
-    camera = camera_;
+void EngineKeeper::MakeSpare() {
+  if (options_.requests.empty()) return;
+  auto spare = engine_->Another();
+  if (!spare.ok()) {
+    Log(LogLevel::kError, "requests stay with the map before: " + spare.status().message());
+    return;
   }
-  return source_.Open(camera);
+  const std::lock_guard lock(spare_mutex_);
+  spare_ = std::move(*spare);
+}
+
+std::unique_ptr<FrameEngine> EngineKeeper::TakeSpare() {
+  const std::lock_guard lock(spare_mutex_);
+  return std::move(spare_);
 }
 
 Status EngineKeeper::Open() {
-  std::unique_lock lock(source_mutex_);
   auto bundle_camera = source_.BundleCamera();
-  lock.unlock();
   if (!bundle_camera.ok()) return bundle_camera.status();
   bundle_camera_ = *bundle_camera;
+  spare_ = std::make_unique<LoadingEngine>(bundle_camera_);
   Camera camera = bundle_camera_;
   if (options_.camera) {
     auto given = ReadCameraYaml(*options_.camera);
@@ -79,10 +79,7 @@ Status EngineKeeper::Open() {
 
 Status EngineKeeper::StartOpening(const Camera& camera) {
   opening_camera_ = camera;
-  opening_ = std::async(std::launch::async, [this, camera] {
-    const std::lock_guard lock(source_mutex_);
-    return source_.Open(camera);
-  });
+  opening_ = std::async(std::launch::async, [this, camera] { return source_.Open(camera); });
   if (opening_.wait_for(kOpeningPatience) == std::future_status::ready) return TakeOpened();
   before_ = std::move(engine_);
   engine_ = std::make_unique<LoadingEngine>(camera);
@@ -161,11 +158,9 @@ void EngineKeeper::TakeNewer() {
     const auto now = Clock::now();
     if (now - asked_ < std::chrono::duration<double>(options_.update_interval_s)) return;
     asked_ = now;
-    const std::unique_lock lock(source_mutex_, std::try_to_lock);
-    if (!lock || !source_.HasUpdate()) return;
+    if (!source_.HasUpdate()) return;
     LogInfo("a newer map is active; opening it beside the one in use");
     update_ = std::async(std::launch::async, [this, camera = engine_->camera()] {
-      const std::lock_guard update_lock(source_mutex_);
       return source_.OpenUpdate(camera);
     });
     return;

@@ -1,7 +1,6 @@
 #pragma once
 // The engine in use, and when it becomes another one: a calibration from the feed, a new map.
 
-#include <atomic>
 #include <future>
 #include <memory>
 #include <mutex>
@@ -14,7 +13,7 @@
 
 namespace panofix {
 
-// Used by the service's thread alone; what it refers to outlives it.
+// Used by the service's thread alone but for TakeSpare; what it refers to outlives it.
 class EngineKeeper {
  public:
   EngineKeeper(const ServeOptions& options, EngineSource& source, ServiceMonitor& monitor)
@@ -26,7 +25,7 @@ class EngineKeeper {
   [[nodiscard]] Status Open();
   [[nodiscard]] bool is_loading() const { return opening_.valid(); }
   [[nodiscard]] FrameEngine& engine() { return *engine_; }
-  // Goes up by one whenever the engine is another one. Thread-safe.
+  // Goes up by one whenever the engine is another one.
   [[nodiscard]] int generation() const { return generation_; }
 
   // Takes what the feed says of its camera: another engine where it differs and fits the bundle.
@@ -34,9 +33,9 @@ class EngineKeeper {
   // Whether frames may be answered: they are left unanswered for a while before the calibration,
   // because a wrong camera gives wrong poses. `waited_s`: since the first frame.
   [[nodiscard]] bool CameraIsKnown(double waited_s);
-  // One more engine like the one in use; one that answers "map_loading" until there is one.
-  // Thread-safe once Open has returned.
-  [[nodiscard]] Result<std::unique_ptr<FrameEngine>> OpenAnother();
+  // For single images: one more engine over the map in use, or one that answers "map_loading" until
+  // there is one; null where it was taken before. Thread-safe once Open has returned.
+  [[nodiscard]] std::unique_ptr<FrameEngine> TakeSpare();
 
   // Asks for a newer map now and then, opens it beside the one in use and takes it once it is
   // ready. Never waits. An error where the first map does not open.
@@ -45,6 +44,7 @@ class EngineKeeper {
  private:
   using Opened = Result<std::unique_ptr<FrameEngine>>;
   void Use(std::unique_ptr<FrameEngine> engine);
+  void MakeSpare();
   // Opens the map for another camera; see Open. Frames wait although an engine is in use: what it
   // would answer with a camera that the feed no longer has would be wrong.
   [[nodiscard]] Status StartOpening(const Camera& camera);
@@ -57,10 +57,9 @@ class EngineKeeper {
   std::unique_ptr<FrameEngine> engine_;
   Camera bundle_camera_;
   bool camera_is_known_ = false;
-  std::atomic<int> generation_{0};
-  std::mutex source_mutex_;              // guards source_, whoever asks it
-  std::mutex camera_mutex_;              // guards camera_
-  Camera camera_;                        // of the engine in use
+  int generation_ = 0;
+  std::mutex spare_mutex_;  // guards spare_
+  std::unique_ptr<FrameEngine> spare_;
   Camera opening_camera_;                // that the map is, or was last, opened for
   std::optional<Camera> refused_;        // that the map in use does not open for
   std::future<Opened> opening_;          // valid while the map is being opened for a camera

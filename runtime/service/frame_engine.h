@@ -23,6 +23,8 @@ class FrameEngine {
   [[nodiscard]] virtual const BundleIdentity& bundle() const = 0;
   [[nodiscard]] virtual const Camera& camera() const = 0;
   virtual void Forget() = 0;
+  // One more over the same open map, for another thread.
+  [[nodiscard]] virtual Result<std::unique_ptr<FrameEngine>> Another() const = 0;
   // What a watcher is shown of the map.
   [[nodiscard]] virtual MapFacts facts() const = 0;
   [[nodiscard]] virtual TileMemory memory() const { return {}; }

@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "common/base/log.h"
+#include "runtime/service/rate_limit.h"
 #include "runtime/service/sockets.h"
 #include "runtime/service/topics.h"
 
@@ -16,6 +17,7 @@ struct FrameReceiver::Impl {
       : subscriber(std::move(source)),
         endpoint(subscriber.endpoint()),
         options(receiver_options),
+        rate_limit(receiver_options.max_rate_hz),
         thread([this] { Run(); }) {}
   ~Impl() {
     stop = true;
@@ -23,7 +25,6 @@ struct FrameReceiver::Impl {
   }
   void Run();
   void Store(WireMessage message);
-  bool MayPass();
   void WatchQuiet(bool frame_arrived);
 
   Subscriber subscriber;  // the thread's alone
@@ -31,8 +32,7 @@ struct FrameReceiver::Impl {
   const FrameReceiverOptions options;
   std::chrono::steady_clock::time_point last_frame = std::chrono::steady_clock::now();
   bool is_quiet = false;
-  std::chrono::steady_clock::time_point budgeted;  // long ago: the budget begins full
-  double budget_frames = 0;
+  RateLimit rate_limit;
 
   mutable std::mutex mutex;  // guards what follows
   std::condition_variable arrived;
@@ -79,26 +79,12 @@ void FrameReceiver::Impl::Store(WireMessage message) {
     return;
   }
   ++counters.frames;
-  if (!MayPass()) {
+  if (!rate_limit.MayPass()) {
     ++counters.rate_limited;
     return;
   }
   if (frame) ++counters.replaced;
   frame = ArrivedFrame{std::move(message.payload), std::chrono::steady_clock::now()};
-}
-
-// A budget that fills at the allowed rate, so that a hiccup's frames pass together.
-bool FrameReceiver::Impl::MayPass() {
-  constexpr double kBurst_s = 0.25;
-  if (!(options.max_rate_hz > 0)) return true;
-  const auto now = std::chrono::steady_clock::now();
-  const double since_s = std::chrono::duration<double>(now - budgeted).count();
-  budgeted = now;
-  const double most = std::max(1.0, kBurst_s * options.max_rate_hz);
-  budget_frames = std::min(most, budget_frames + since_s * options.max_rate_hz);
-  if (budget_frames < 1) return false;
-  budget_frames -= 1;
-  return true;
 }
 
 void FrameReceiver::Impl::WatchQuiet(bool frame_arrived) {

@@ -24,6 +24,9 @@ class LoadingEngine : public FrameEngine {
   const BundleIdentity& bundle() const override { return bundle_; }
   const Camera& camera() const override { return camera_; }
   void Forget() override {}
+  Result<std::unique_ptr<FrameEngine>> Another() const override {
+    return std::unique_ptr<FrameEngine>(std::make_unique<LoadingEngine>(camera_));
+  }
   MapFacts facts() const override { return {}; }
 
  private:

@@ -11,6 +11,10 @@ class LocalizerEngine : public FrameEngine {
  public:
   explicit LocalizerEngine(std::unique_ptr<Localizer> localizer)
       : localizer_(std::move(localizer)) {}
+  static Result<std::unique_ptr<FrameEngine>> Over(Result<std::unique_ptr<Localizer>> localizer) {
+    if (!localizer.ok()) return localizer.status();
+    return std::unique_ptr<FrameEngine>(std::make_unique<LocalizerEngine>(std::move(*localizer)));
+  }
   FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
                        const TimeIsUp& time_is_up) override {
     return localizer_->Localize(timestamp_ns, frame, time_is_up);
@@ -21,6 +25,9 @@ class LocalizerEngine : public FrameEngine {
   const BundleIdentity& bundle() const override { return localizer_->bundle(); }
   const Camera& camera() const override { return localizer_->camera(); }
   void Forget() override { localizer_->Forget(); }
+  Result<std::unique_ptr<FrameEngine>> Another() const override {
+    return Over(localizer_->Another());
+  }
   MapFacts facts() const override;
   TileMemory memory() const override { return localizer_->memory(); }
 
@@ -51,9 +58,7 @@ class LocalizerSource : public EngineSource {
       : bundle_(bundle), options_(options) {}
   Result<Camera> BundleCamera() override { return Localizer::ReadBundleCamera(bundle_); }
   Result<std::unique_ptr<FrameEngine>> Open(const Camera& camera) override {
-    auto localizer = Localizer::Open(bundle_, camera, options_);
-    if (!localizer.ok()) return localizer.status();
-    return std::unique_ptr<FrameEngine>(std::make_unique<LocalizerEngine>(std::move(*localizer)));
+    return LocalizerEngine::Over(Localizer::Open(bundle_, camera, options_));
   }
 
  private:

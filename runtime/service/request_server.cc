@@ -7,6 +7,7 @@
 #include "common/base/log.h"
 #include "runtime/service/log_throttle.h"
 #include "runtime/service/messages.h"
+#include "runtime/service/rate_limit.h"
 #include "runtime/service/socket_support.h"
 #include "runtime/service/sockets.h"
 #include "runtime/service/topics.h"
@@ -35,15 +36,18 @@ struct RequestServer::Impl {
   Reply AnswerOrSayWhyNot(std::vector<std::shared_ptr<zmq::message_t>> parts);
   Reply Answer(std::vector<std::shared_ptr<zmq::message_t>> parts);
 
+  explicit Impl(const RequestServerOptions& server_options)
+      : options(server_options), rate_limit(server_options.max_rate_hz) {}
+
+  const RequestServerOptions options;
+  RateLimit rate_limit;
   zmq::context_t context;  // outlives the sockets
   std::optional<ZapGate> gate;
   zmq::socket_t socket;
   std::string endpoint;
-  std::function<int()> generation;
-  std::function<Opened()> open;
+  std::function<std::unique_ptr<FrameEngine>()> take_newer;
   ServiceMonitor* monitor = nullptr;
   std::unique_ptr<FrameEngine> engine;
-  int engine_generation = -1;
   LogThrottle request_log;
   std::atomic<bool> stop{false};
   std::thread thread;
@@ -70,6 +74,13 @@ std::vector<std::shared_ptr<zmq::message_t>> RequestServer::Impl::Receive() {
 
 // One image that cannot be answered, too large for the memory, say, does not end the others.
 Reply RequestServer::Impl::AnswerOrSayWhyNot(std::vector<std::shared_ptr<zmq::message_t>> parts) {
+  if (!rate_limit.MayPass()) {
+    monitor->Count(&MonitorSnapshot::num_requests_refused);
+    return ErrorReply(
+        Format("more than %g requests a second; ask again later, or have the service "
+               "started with a larger --max-rate-hz",
+               options.max_rate_hz));
+  }
   try {
     return Answer(std::move(parts));
   } catch (const std::exception& error) {
@@ -88,17 +99,17 @@ Reply RequestServer::Impl::Answer(std::vector<std::shared_ptr<zmq::message_t>> p
   payload.owner = std::move(parts[1]);
   const auto frame = UnpackFrame(payload);
   if (!frame.ok()) return ErrorReply(frame.status().message());
-  if (const int now = generation(); !engine || now != engine_generation) {
-    auto opened = open();
-    if (!opened.ok()) return ErrorReply(opened.status().message());
-    engine = std::move(*opened);
-    engine_generation = now;
-  }
   const auto gray = ConvertFrame(*frame, FrameLimitsFor(engine->camera()));
-  const double decode_ms =
-      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  const auto since_start_ms = [start] {
+    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start)
+        .count();
+  };
+  const double decode_ms = since_start_ms();
+  const TimeIsUp time_is_up = [&] {
+    return stop || (options.deadline_ms > 0 && since_start_ms() >= options.deadline_ms);
+  };
   engine->Forget();
-  FrameResult result = gray.ok() ? engine->Localize(frame->timestamp_ns, *gray, {})
+  FrameResult result = gray.ok() ? engine->Localize(frame->timestamp_ns, *gray, time_is_up)
                                  : engine->Undecodable(frame->timestamp_ns);
   result.timestamp_ns = frame->timestamp_ns;
   return {kPoseTopic, PackResult(result, engine->bundle(), decode_ms)};
@@ -108,6 +119,8 @@ void RequestServer::Impl::Run() {
   constexpr std::chrono::milliseconds kPoll(50);  // bounds the time to a stop
   while (!stop) {
     try {
+      // Also while nobody asks: the old one keeps its map in memory.
+      if (auto newer = take_newer()) engine = std::move(newer);
       zmq::pollitem_t item{socket.handle(), 0, ZMQ_POLLIN, 0};
       if (zmq::poll(&item, 1, kPoll) == 0) continue;
       const Reply reply = AnswerOrSayWhyNot(Receive());
@@ -126,16 +139,14 @@ RequestServer::RequestServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)
 RequestServer::~RequestServer() = default;
 const std::string& RequestServer::endpoint() const { return impl_->endpoint; }
 
-Result<std::unique_ptr<RequestServer>> RequestServer::Start(const RequestServerOptions& options,
-                                                            std::function<int()> generation,
-                                                            std::function<Opened()> open,
-                                                            ServiceMonitor& monitor) {
+Result<std::unique_ptr<RequestServer>> RequestServer::Start(
+    const RequestServerOptions& options, std::function<std::unique_ptr<FrameEngine>()> take_newer,
+    ServiceMonitor& monitor) {
   if (Status status = CheckEndpoint("requests", options.endpoint); !status.ok()) return status;
   const auto address = AddressToBind(options.endpoint, options.security);
   if (!address.ok()) return address.status();
-  auto impl = std::make_unique<Impl>();
-  impl->generation = std::move(generation);
-  impl->open = std::move(open);
+  auto impl = std::make_unique<Impl>(options);
+  impl->take_newer = std::move(take_newer);
   impl->monitor = &monitor;
   try {
     impl->socket = zmq::socket_t(impl->context, zmq::socket_type::rep);

@@ -13,6 +13,9 @@ namespace panofix {
 struct RequestServerOptions {
   std::string endpoint;  // bound
   std::size_t max_message_bytes = std::size_t{64} << 20;
+  double max_rate_hz = 0;  // requests beyond are refused; 0 = no bound
+  // From the time that a request is read: work on it ends at the next step; 0 = none.
+  double deadline_ms = 0;
   WireSecurity security;
 };
 
@@ -20,13 +23,12 @@ struct RequestServerOptions {
 // result]; one that cannot be: [kErrorTopic, a line of text]. See schemas/messages.md.
 class RequestServer {
  public:
-  using Opened = Result<std::unique_ptr<FrameEngine>>;
-  // `generation` is asked before each request: where it moved on, `open` makes the engine to use
-  // from then on. Both are called in the server's thread.
+  // `take_newer` is asked several times a second, in the server's thread: the engine to use from
+  // then on, null where it stays. REQUIRES: it gives one when it is first asked.
   [[nodiscard]] static Result<std::unique_ptr<RequestServer>> Start(
-      const RequestServerOptions& options, std::function<int()> generation,
-      std::function<Opened()> open, ServiceMonitor& monitor);
-  ~RequestServer();  // after the request under way
+      const RequestServerOptions& options, std::function<std::unique_ptr<FrameEngine>()> take_newer,
+      ServiceMonitor& monitor);
+  ~RequestServer();  // ends the request under way at its next step
   RequestServer(const RequestServer&) = delete;
   RequestServer& operator=(const RequestServer&) = delete;
   [[nodiscard]] const std::string& endpoint() const;

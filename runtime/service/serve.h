@@ -24,10 +24,11 @@ struct ServeOptions {
   double camera_wait_s = 2;
   LocalizerOptions localizer;
   std::size_t max_message_bytes = std::size_t{64} << 20;  // a larger frame ends the connection
-  double max_rate_hz = 120;  // frames that come faster are left out; 0 = no bound
+  // Frames that come faster are left out, requests (counted apart) refused; 0 = no bound.
+  double max_rate_hz = 120;
   WireSecurity frames_security, poses_security;
-  // From a frame's arrival: work on it ends at the next step and it is answered no_fix, "deadline";
-  // 0 = none.
+  // From a frame's arrival, or a request's: work on it ends at the next step and it is answered
+  // no_fix, "deadline"; 0 = none.
   double deadline_ms = 0;
   // Port on 127.0.0.1 for /metrics, /healthz, /readyz and the live page; 0 = any; absent = none.
   std::optional<int> http_port;

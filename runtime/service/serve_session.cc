@@ -58,10 +58,14 @@ Status ServeSession::StartHttp() {
 
 Status ServeSession::StartRequests() {
   if (options_.requests.empty()) return {};
+  RequestServerOptions requests;
+  requests.endpoint = options_.requests;
+  requests.max_message_bytes = options_.max_message_bytes;
+  requests.max_rate_hz = options_.max_rate_hz;
+  requests.deadline_ms = options_.deadline_ms;
+  requests.security = options_.poses_security;
   auto server = RequestServer::Start(
-      {options_.requests, options_.max_message_bytes, options_.poses_security},
-      [this] { return engines_.generation(); }, [this] { return engines_.OpenAnother(); },
-      monitor_);
+      requests, [this] { return engines_.TakeSpare(); }, monitor_);
   if (!server.ok()) return server.status();
   requests_ = std::move(*server);
   LogInfo("single images on request: " + requests_->endpoint());

@@ -4,8 +4,11 @@
 #include <signal.h>
 
 #include <thread>
+#include <zmq.hpp>
 
+#include "common/drive/drive.h"
 #include "common/drive/poses_csv.h"
+#include "common/io/read_file.h"
 #include "runtime/service/messages.h"
 #include "runtime/service/sockets.h"
 #include "runtime/service/topics.h"
@@ -126,6 +129,45 @@ TEST_F(MapFaults, ABundleThatIsDeletedIsServedOn) {
   DiscardWaiting(poses);
   EXPECT_TRUE(Sees(poses, 3, IsFix)) << serve.Errors();
   EXPECT_TRUE(serve.Running()) << serve.Errors();
+}
+
+// One map for both, so small a bound that each search reads all of it again while the other waits.
+TEST_F(MapFaults, RequestsAreAnsweredBesideTheFeedWhateverTheMemory) {
+  constexpr int kHttpPort = 18084;
+  Process serve(ServeCommand(
+      {"--memory-mb", "1", "--requests", Ipc("r"), "--http", std::to_string(kHttpPort)}));
+  Process play(PlayCommand("3"));
+  Subscriber poses = Poses();
+  ASSERT_TRUE(Sees(poses, 1, IsFix)) << serve.Errors();
+  DiscardWaiting(poses);
+  zmq::context_t context;
+  zmq::socket_t socket(context, zmq::socket_type::req);
+  socket.set(zmq::sockopt::linger, 0);
+  socket.set(zmq::sockopt::rcvtimeo, static_cast<int>(1000 * kPatience_s));
+  socket.connect(Ipc("r"));
+  const Drive drive = ValueOrThrow(ReadDrive(data_->drive()));
+  int num_fixes = 0;
+  for (std::size_t i = 0; i < drive.frames.size(); i += 4) {
+    const auto request = PackFrame(drive.frames[i].timestamp_ns,
+                                   ValueOrThrow(ReadFileBytes(drive.frames[i].image, 1 << 20)));
+    socket.send(zmq::buffer(kFrameTopic), zmq::send_flags::sndmore);
+    socket.send(zmq::buffer(request), zmq::send_flags::none);
+    zmq::message_t topic, payload;
+    ASSERT_TRUE(socket.recv(topic)) << serve.Errors();
+    ASSERT_TRUE(socket.recv(payload)) << serve.Errors();
+    ASSERT_EQ(topic.to_string_view(), kPoseTopic) << payload.to_string_view();
+    const auto* bytes = payload.data<std::uint8_t>();
+    const PoseRow row = ValueOrThrow(UnpackResult(WireBytes::Copy({bytes, payload.size()}))).row;
+    EXPECT_EQ(row.timestamp_ns, drive.frames[i].timestamp_ns);
+    num_fixes += IsFix(row) ? 1 : 0;
+  }
+  EXPECT_GE(num_fixes, 3);
+  EXPECT_TRUE(Sees(poses, 3, IsFix)) << serve.Errors();
+  const auto page = httplib::Client("127.0.0.1", kHttpPort).Get("/metrics");
+  ASSERT_TRUE(page);
+  EXPECT_NE(page->body.find("\npanofix_tile_failures_total 0\n"), std::string::npos);
+  serve.Signal(SIGTERM);
+  EXPECT_EQ(serve.Wait(kPatience_s), 0) << serve.Errors();
 }
 
 TEST_F(MapFaults, TilesThatAreCutDoNotEndIt) {

@@ -2,8 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <future>
+
 #include "common/base/rng.h"
 #include "common/geometry/attitude.h"
+#include "common/map/map_bundle.h"
+#include "runtime/retrieval/tile_indices.h"
 #include "tests/common/io/temp_folder.h"
 #include "tests/common/map/crafted_bundle.h"
 
@@ -26,6 +30,12 @@ class LocalizerTest : public testing::Test {
     return {camera_.width_px, camera_.height_px,
             std::vector<std::uint8_t>(
                 static_cast<std::size_t>(camera_.width_px * camera_.height_px), value)};
+  }
+  [[nodiscard]] GrayImage Noise() const {
+    GrayImage noise = Image(0);
+    Rng rng(1, "tests/localizer");
+    for (auto& pixel : noise.pixels) pixel = static_cast<std::uint8_t>(rng.Below(256));
+    return noise;
   }
   TempFolder folder_;
   Camera camera_;
@@ -58,9 +68,7 @@ TEST_F(LocalizerTest, BlackAndOverexposedFramesAreNoFixWithTheirReason) {
 TEST_F(LocalizerTest, NoiseIsNoPlace) {
   const auto localizer = Open();
   ASSERT_TRUE(localizer);
-  GrayImage noise = Image(0);
-  Rng rng(1, "tests/localizer");
-  for (auto& pixel : noise.pixels) pixel = static_cast<std::uint8_t>(rng.Below(256));
+  const GrayImage noise = Noise();
   const FrameResult result = localizer->Localize(1, noise);
   EXPECT_EQ(result.status, FixStatus::kNoFix);
   EXPECT_FALSE(result.reason.empty());
@@ -75,6 +83,52 @@ TEST_F(LocalizerTest, FramesOfAnotherSizeAreSaid) {
   }
   EXPECT_EQ(localizer->Undecodable(5).reason, "frame_undecodable");
   EXPECT_EQ(localizer->Undecodable(5).timestamp_ns, 5);
+}
+
+TEST_F(LocalizerTest, AnotherOverTheSameMapReadsNothingAgain) {
+  const auto localizer = Open();
+  ASSERT_TRUE(localizer);
+  const TileMemory before = localizer->memory();
+  auto another = localizer->Another();
+  ASSERT_TRUE(another.ok()) << another.status().message();
+  EXPECT_EQ(&(*another)->map(), &localizer->map());
+  EXPECT_EQ((*another)->bundle().id, localizer->bundle().id);
+  EXPECT_EQ((*another)->Localize(1, Image(0)).reason, "too_few_features");
+  EXPECT_EQ((*another)->memory().num_loads, before.num_loads);
+  EXPECT_EQ((*another)->memory().num_bytes, before.num_bytes);
+}
+
+// At the same time where tiles stay. With so little memory that every tile is read again for each
+// search, they take turns, step by step.
+TEST_F(LocalizerTest, TwoOverOneMapAnswerAsOneDoesWhateverTheMemory) {
+  constexpr int kFrames = 10;
+  const GrayImage noise = Noise();
+  const FrameResult expected = Open()->Localize(0, noise);
+  const auto num_equal = [&](Localizer* one) {
+    int num = 0;
+    for (int frame = 0; frame < kFrames; ++frame) {
+      one->Forget();
+      const FrameResult result = one->Localize(frame, noise, [] { return false; });
+      num += result.reason == expected.reason && result.num_inliers == expected.num_inliers;
+    }
+    return num;
+  };
+  for (const std::uint64_t max_memory_bytes : {0, 1}) {
+    LocalizerOptions options;
+    options.max_memory_bytes = max_memory_bytes;
+    const auto localizer = ValueOrThrow(Localizer::Open(folder_ / "map", camera_, options));
+    const std::int64_t num_loads = localizer->memory().num_loads;
+    const auto another = ValueOrThrow(localizer->Another());
+    auto beside = std::async(std::launch::async, [&] { return num_equal(another.get()); });
+    EXPECT_EQ(num_equal(localizer.get()), kFrames);
+    EXPECT_EQ(beside.get(), kFrames);
+    const std::int64_t num_again = localizer->memory().num_loads - num_loads;
+    if (max_memory_bytes == 0) {
+      EXPECT_EQ(num_again, 0);
+    } else {
+      EXPECT_GE(num_again, 2 * kFrames) << "no tile was dropped: this shows nothing";
+    }
+  }
 }
 
 TEST_F(LocalizerTest, FaultsAtOpeningHaveTheirCode) {
@@ -100,9 +154,7 @@ TEST_F(LocalizerTest, ThePaperNeedsAMapWithImagesUnlessItsMatchesAreTakenAsTheyC
   options.add = {"mutual"};
   auto localizer = Localizer::Open(folder_ / "map", camera_, options);
   ASSERT_TRUE(localizer.ok()) << localizer.status().message();
-  GrayImage noise = Image(0);
-  Rng rng(1, "tests/localizer");
-  for (auto& pixel : noise.pixels) pixel = static_cast<std::uint8_t>(rng.Below(256));
+  const GrayImage noise = Noise();
   for (int frame = 0; frame < 2; ++frame) {
     const FrameResult result = (*localizer)->Localize(frame, noise);
     EXPECT_EQ(result.status, FixStatus::kNoFix);

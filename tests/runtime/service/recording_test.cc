@@ -41,6 +41,9 @@ class CountingEngine : public FrameEngine {
   const BundleIdentity& bundle() const override { return bundle_; }
   const Camera& camera() const override { return camera_; }
   void Forget() override { num_steps_ = 0; }
+  Result<std::unique_ptr<FrameEngine>> Another() const override {
+    return std::unique_ptr<FrameEngine>(std::make_unique<CountingEngine>(step_ms_, camera_));
+  }
   MapFacts facts() const override { return {}; }
 
  private:

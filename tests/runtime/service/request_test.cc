@@ -16,7 +16,9 @@ class Requesting : public ServiceTest {
  protected:
   void Start(bool may_open = true) {
     source_.may_open = may_open;
-    ServeOptions options = ServeOptionsFor("tcp://127.0.0.1:9");
+    Start(ServeOptionsFor("tcp://127.0.0.1:9"));
+  }
+  void Start(ServeOptions options) {
     options.requests = kAnyPort;
     options.update_interval_s = 0.01;
     options.on_requests = [this](const std::string& endpoint) { endpoint_ = endpoint; };
@@ -63,7 +65,8 @@ TEST_F(Requesting, AnImageIsAnsweredWithItsPose) {
     EXPECT_EQ(result.row.status, FixStatus::kFix);
   }
   EXPECT_EQ(source_.num_forgotten, 3) << "nothing may be remembered between requests";
-  EXPECT_EQ(source_.opened().size(), 2U) << "an engine of its own, opened once";
+  EXPECT_EQ(source_.opened().size(), 1U) << "the map is open once, whoever asks";
+  EXPECT_EQ(source_.num_shared, 1) << "an engine of its own";
 }
 
 TEST_F(Requesting, WhatIsNoFrameIsAnsweredWithALine) {
@@ -108,9 +111,39 @@ TEST_F(Requesting, AnImageThatTakesTooMuchMemoryDoesNotEndTheService) {
   ResultIn(AskFrame(PackFrame(2, SampleJpeg())));
 }
 
+TEST_F(Requesting, TimeThatIsUpIsAnsweredAsSuch) {
+  source_.may_open = true;
+  ServeOptions options = ServeOptionsFor("tcp://127.0.0.1:9");
+  options.deadline_ms = 30;
+  Start(options);
+  source_.work_ms = 300'000;  // longer than this test may take
+  const ReceivedResult late = ResultIn(AskFrame(PackFrame(3, SampleJpeg())));
+  EXPECT_EQ(late.row.status, FixStatus::kNoFix);
+  EXPECT_EQ(late.row.reason, "deadline");
+  source_.work_ms = 0;
+  EXPECT_EQ(ResultIn(AskFrame(PackFrame(4, SampleJpeg()))).row.status, FixStatus::kFix);
+}
+
+TEST_F(Requesting, WhoAsksTooOftenIsToldAndMayAskAgain) {
+  source_.may_open = true;
+  ServeOptions options = ServeOptionsFor("tcp://127.0.0.1:9");
+  options.max_rate_hz = 0.5;
+  Start(options);
+  ResultIn(AskFrame(PackFrame(1, SampleJpeg())));
+  const Parts reply = AskFrame(PackFrame(2, SampleJpeg()));
+  ASSERT_EQ(reply.size(), 2U);
+  EXPECT_EQ(reply[0], kErrorTopic);
+  EXPECT_NE(reply[1].find("--max-rate-hz"), std::string::npos) << reply[1];
+  EXPECT_EQ(source_.num_localized, 1);
+  EXPECT_TRUE(Eventually([&] {
+    SleepMs(100);
+    return AskFrame(PackFrame(3, SampleJpeg())).at(0) == kPoseTopic;
+  }));
+}
+
 TEST_F(Requesting, StopsWhileAClientWaits) {
   Start();
-  source_.work_ms = 400;
+  source_.work_ms = 300'000;  // longer than this test may take
   std::thread client([&] {
     try {
       static_cast<void>(AskFrame(PackFrame(1, SampleJpeg())));

@@ -53,6 +53,10 @@ class FakeEngine : public FrameEngine {
   const BundleIdentity& bundle() const override { return bundle_; }
   const Camera& camera() const override { return camera_; }
   void Forget() override { ++source_.num_forgotten; }
+  Result<std::unique_ptr<FrameEngine>> Another() const override {
+    ++source_.num_shared;
+    return std::unique_ptr<FrameEngine>(std::make_unique<FakeEngine>(source_, camera_, bundle_));
+  }
   MapFacts facts() const override {
     MapFacts facts;
     facts.bundle = bundle_;

@@ -86,6 +86,7 @@ class FakeSource : public EngineSource {
   std::atomic<bool> is_memory_out{false};  // frames throw then
   std::atomic<int> work_ms{0};             // how long a frame takes
   std::atomic<int> num_begun{0}, num_localized{0}, num_forgotten{0};
+  std::atomic<int> num_shared{0};  // engines over a map that was open already
   std::atomic<int> update_ms{0};  // how long a newer map takes to open
   std::atomic<std::int64_t> next_build{
       0};  // a newer map of this build is there; negative: a bad one
