@@ -71,27 +71,26 @@ class StoreSource : public EngineSource {
     }
   }
 
-  // What `activate` and `rollback` put in force is served once it is proven. The version that was
-  // in force at the start is no update, even where another had to stand in for it.
-  bool HasUpdate() override {
+  // What `activate` and `rollback` put in force is served once it is proven; so is the version in
+  // force at the start, where another stands in for it, once it opens.
+  std::string NewerMap() override {
     const auto state = ReadStoreState(layout_);
-    if (!state.ok() || !state->is_proven || !IsSha256(state->active)) return false;
-    if (state->active == seen_active_) return false;
-    seen_active_ = state->active;
-    return seen_active_ != versions_[at_];
+    if (!state.ok() || !state->is_proven || !IsSha256(state->active)) return {};
+    newer_ = state->active == versions_[at_] ? "" : state->active;
+    return newer_;
   }
 
   Result<std::unique_ptr<FrameEngine>> OpenUpdate(const Camera& camera) override {
-    const auto map_camera = Localizer::ReadBundleCamera(layout_.version(seen_active_));
+    const auto map_camera = Localizer::ReadBundleCamera(layout_.version(newer_));
     if (!map_camera.ok()) return map_camera.status();
     if (map_camera->width_px != camera.width_px || map_camera->height_px != camera.height_px) {
       return Status(ErrorCode::kWrongCamera,
                     Format("version %.12s is for a camera of %dx%d pixels, the feed's has %dx%d",
-                           seen_active_.c_str(), map_camera->width_px, map_camera->height_px,
+                           newer_.c_str(), map_camera->width_px, map_camera->height_px,
                            camera.width_px, camera.height_px));
     }
-    auto engine = OpenVersion(seen_active_, camera);
-    if (engine.ok()) versions_ = {seen_active_}, at_ = 0, is_chosen_ = true;
+    auto engine = OpenVersion(newer_, camera);
+    if (engine.ok()) versions_ = {newer_}, at_ = 0, is_chosen_ = true;
     return engine;
   }
 
@@ -114,7 +113,7 @@ class StoreSource : public EngineSource {
   LocalizerOptions options_;
   std::size_t at_ = 0;
   bool is_chosen_ = false;
-  std::string seen_active_ = versions_.front();
+  std::string newer_;  // told last
 };
 
 void WarnIfExpired(const StoreLayout& layout, const std::string& id) {

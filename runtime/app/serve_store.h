@@ -12,7 +12,8 @@ namespace panofix {
 // the one before is served, then any other that is whole, with an error in the log: a vehicle is
 // not left without a map while there is one. One that has expired is served with a warning. What is
 // activated later (or rolled back to) is opened beside the map in use and takes over between
-// frames. `options.bundle` and `options.localizer.trusted_keys` are set here.
+// frames. An active version that does not open is tried again now and then. `options.bundle` and
+// `options.localizer.trusted_keys` are set here.
 [[nodiscard]] Status ServeStore(const std::filesystem::path& store, ServeOptions options);
 
 }  // namespace panofix

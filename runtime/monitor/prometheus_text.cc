@@ -107,7 +107,8 @@ void WriteMap(const MonitorSnapshot& s, std::int64_t now_s, Writer* w) {
   w->Count("panofix_tile_failures_total", s.num_tiles_failed,
            "Tiles that could not be read again.");
   w->Count("panofix_map_swaps_total", s.num_swaps, "Maps taken while running.");
-  w->Count("panofix_map_swaps_failed_total", s.num_failed_swaps, "Maps that did not open.");
+  w->Count("panofix_map_swaps_failed_total", s.num_failed_swaps,
+           "Times that a newer map did not open.");
 }
 
 }  // namespace

@@ -1,5 +1,8 @@
 #include "runtime/service/engine_keeper.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "common/base/log.h"
 #include "runtime/service/loading_engine.h"
 #include "runtime/service/messages.h"
@@ -153,26 +156,36 @@ Status EngineKeeper::TakeUpdate() {
   return is_open ? TakeOpened() : Status();
 }
 
+void EngineKeeper::StartUpdate() {
+  const auto now = Clock::now();
+  if (now - asked_ < std::chrono::duration<double>(options_.update_interval_s)) return;
+  asked_ = now;
+  const std::string newer = source_.NewerMap();
+  if (newer != newer_) num_tries_ = 0;
+  newer_ = newer;
+  if (newer.empty() || (num_tries_ > 0 && now < retry_at_)) return;
+  LogInfo("a newer map is active; opening it beside the one in use");
+  update_ = std::async(std::launch::async,
+                       [this, camera = engine_->camera()] { return source_.OpenUpdate(camera); });
+}
+
+void EngineKeeper::PutOff(const Status& status) {
+  monitor_.Count(&MonitorSnapshot::num_failed_swaps);
+  const double wait_s = std::min(options_.max_retry_wait_s,
+                                 std::ldexp(options_.retry_wait_s, std::min(num_tries_, 30)));
+  ++num_tries_;
+  retry_at_ = Clock::now() +
+              std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(wait_s));
+  Log(LogLevel::kError, "the newer map does not open: " + status.message() + "; going on with " +
+                            Describe(engine_->bundle()) +
+                            Format(", it is tried again in %g s", wait_s));
+}
+
 void EngineKeeper::TakeNewer() {
-  if (!update_.valid()) {
-    const auto now = Clock::now();
-    if (now - asked_ < std::chrono::duration<double>(options_.update_interval_s)) return;
-    asked_ = now;
-    if (!source_.HasUpdate()) return;
-    LogInfo("a newer map is active; opening it beside the one in use");
-    update_ = std::async(std::launch::async, [this, camera = engine_->camera()] {
-      return source_.OpenUpdate(camera);
-    });
-    return;
-  }
+  if (!update_.valid()) return StartUpdate();
   if (update_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
   Opened opened = update_.get();
-  if (!opened.ok()) {
-    monitor_.Count(&MonitorSnapshot::num_failed_swaps);
-    Log(LogLevel::kError, "the newer map does not open: " + opened.status().message() +
-                              "; going on with " + Describe(engine_->bundle()));
-    return;
-  }
+  if (!opened.ok()) return PutOff(opened.status());
   Use(std::move(*opened));
   monitor_.Count(&MonitorSnapshot::num_swaps);
   LogInfo("now " + Describe(engine_->bundle()));

@@ -5,6 +5,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <string>
 
 #include "runtime/service/frame_engine.h"
 #include "runtime/service/log_throttle.h"
@@ -38,7 +39,8 @@ class EngineKeeper {
   [[nodiscard]] std::unique_ptr<FrameEngine> TakeSpare();
 
   // Asks for a newer map now and then, opens it beside the one in use and takes it once it is
-  // ready. Never waits. An error where the first map does not open.
+  // ready. Never waits. One that does not open is tried again, less and less often. An error where
+  // the first map does not open.
   [[nodiscard]] Status TakeUpdate();
 
  private:
@@ -50,6 +52,9 @@ class EngineKeeper {
   [[nodiscard]] Status StartOpening(const Camera& camera);
   [[nodiscard]] Status TakeOpened();
   void TakeNewer();
+  void StartUpdate();
+  // The newer map did not open.
+  void PutOff(const Status& status);
 
   const ServeOptions& options_;
   EngineSource& source_;
@@ -66,6 +71,9 @@ class EngineKeeper {
   std::unique_ptr<FrameEngine> before_;  // in use before that; absent at the start
   std::future<Opened> update_;           // valid while a newer map is being opened
   std::chrono::steady_clock::time_point asked_;
+  std::string newer_;  // the map that was opened last as an update, or tried
+  int num_tries_ = 0;  // that failed, of this map
+  std::chrono::steady_clock::time_point retry_at_;
   LogThrottle calibration_log_;
 };
 

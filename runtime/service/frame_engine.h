@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <string>
 
 #include "common/base/status.h"
 #include "common/camera/camera.h"
@@ -37,11 +38,11 @@ class EngineSource {
   // Camera that the bundle was built for.
   [[nodiscard]] virtual Result<Camera> BundleCamera() = 0;
   [[nodiscard]] virtual Result<std::unique_ptr<FrameEngine>> Open(const Camera& camera) = 0;
-  // Whether another map than the one opened last is to be used from now on. Quick; a map is told
-  // once, whether it opens or not.
-  [[nodiscard]] virtual bool HasUpdate() { return false; }
-  // Opens that map. May run in a thread of its own, no other call being made meanwhile. Where it
-  // fails, later calls of Open still mean the map before.
+  // Id of the map that is to be used from now on instead of the one opened last; empty where that
+  // one stays. Quick.
+  [[nodiscard]] virtual std::string NewerMap() { return {}; }
+  // Opens the map that was told last. May run in a thread of its own, no other call being made
+  // meanwhile. Where it fails, later calls of Open still mean the map before.
   [[nodiscard]] virtual Result<std::unique_ptr<FrameEngine>> OpenUpdate(const Camera& camera) {
     return Open(camera);
   }

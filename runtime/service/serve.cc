@@ -25,6 +25,8 @@ void ServeOptions::Check() const {
   require(report_interval_s > 0, "report_interval_s must be above 0");
   require(deadline_ms >= 0, "deadline_ms must be 0 or above");
   require(update_interval_s > 0, "update_interval_s must be above 0");
+  require(retry_wait_s > 0, "retry_wait_s must be above 0");
+  require(max_retry_wait_s >= retry_wait_s, "max_retry_wait_s must be retry_wait_s or above");
   require(!http_port || (*http_port >= 0 && *http_port <= 65535), "http port must be 0 to 65535");
   require(max_frames >= 0, "max_frames must be 0 or above");
 }

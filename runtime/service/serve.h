@@ -35,7 +35,9 @@ struct ServeOptions {
   std::string requests;  // endpoint for single images on request; empty = none
   // MCAP file to keep the run in, or a folder for it; see SessionRecorder.
   std::optional<std::filesystem::path> record;
-  double update_interval_s = 1;   // between looks for a newer map
+  double update_interval_s = 1;  // between looks for a newer map
+  // One that does not open is tried again after so long, then after twice that, and so on.
+  double retry_wait_s = 10, max_retry_wait_s = 600;
   double quiet_warning_s = 3;     // without a frame for this long a log line says so
   double report_interval_s = 30;  // between log lines with counts
   std::int64_t max_frames = 0;    // stop after so many answers; 0 = when told to

@@ -84,6 +84,33 @@ TEST_F(Swap, MapsChangeUnderARunningService) {
   EXPECT_THAT(lacking.errors, HasSubstr("--bundle"));
 }
 
+TEST_F(Swap, ADamagedMapIsTakenOnceItIsMended) {
+  Done(Runtime({"install", "--store", Path("store"), Path("map2"), "--activate"}));
+  // A tile of that version alone: the versions share equal files.
+  fs::path tile;
+  for (const auto& version : fs::directory_iterator(fs::path(Path("store")) / "versions")) {
+    if (ReadJson(version.path() / "manifest.json").at("build") == 2)
+      tile = fs::directory_iterator(version.path() / "tiles")->path();
+  }
+  fs::rename(tile, Path("whole"));
+  fs::copy_file(Path("whole"), tile);
+  fs::permissions(tile, fs::perms::owner_all);
+  FlipMiddleByte(tile);
+  const std::string frames = "ipc://" + Path("f"), poses = "ipc://" + Path("p");
+  Process serve(
+      RuntimeCommand({"serve", "--store", Path("store"), "--frames", frames, "--poses", poses}));
+  Process play(RuntimeCommand({"play", "--drive", data_.drive().string(), "--bind", frames,
+                               "--rate", "2", "--loop", "--now"}));
+  SubscriberOptions options;
+  options.topics = {kPoseTopic};
+  Subscriber subscriber = ValueOrThrow(Subscriber::Open(poses, options));
+  EXPECT_TRUE(SeesBuild(subscriber, 1)) << serve.Errors();
+  fs::rename(Path("whole"), tile);
+  EXPECT_TRUE(SeesBuild(subscriber, 2)) << serve.Errors();
+  serve.Signal(SIGTERM);
+  EXPECT_EQ(serve.Wait(kPatience_s), 0) << serve.Errors();
+}
+
 TEST_F(Swap, KeysThatAreMissingAreNamed) {
   const auto serve = [&](std::vector<std::string> more) {
     std::vector<std::string> arguments{"serve",

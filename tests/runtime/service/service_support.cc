@@ -153,10 +153,16 @@ Result<std::unique_ptr<FrameEngine>> FakeSource::Open(const Camera& camera) {
 }
 
 Result<std::unique_ptr<FrameEngine>> FakeSource::OpenUpdate(const Camera& camera) {
+  ++num_updates;
   SleepMs(update_ms);
-  if (opening_ < 0) return Status(ErrorCode::kBadData, "the newer map is broken");
+  if (opening_ < 0 && !is_mended) {
+    ++num_failed;
+    return Status(ErrorCode::kBadData, "the newer map is broken");
+  }
   BundleIdentity bundle = SampleBundle();
   bundle.build = opening_;
+  std::int64_t opened = opening_;
+  next_build.compare_exchange_strong(opened, 0);
   return std::unique_ptr<FrameEngine>(std::make_unique<FakeEngine>(*this, camera, bundle));
 }
 

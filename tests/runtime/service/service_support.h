@@ -79,7 +79,10 @@ class FakeSource : public EngineSource {
  public:
   Result<Camera> BundleCamera() override { return SampleCamera(); }
   Result<std::unique_ptr<FrameEngine>> Open(const Camera& camera) override;
-  bool HasUpdate() override { return (opening_ = next_build.exchange(0)) != 0; }
+  std::string NewerMap() override {
+    opening_ = next_build;
+    return opening_ == 0 ? "" : std::to_string(opening_);
+  }
   Result<std::unique_ptr<FrameEngine>> OpenUpdate(const Camera& camera) override;
 
   [[nodiscard]] std::vector<Camera> opened() const;
@@ -88,8 +91,10 @@ class FakeSource : public EngineSource {
   std::atomic<int> num_begun{0}, num_localized{0}, num_forgotten{0};
   std::atomic<int> num_shared{0};  // engines over a map that was open already
   std::atomic<int> update_ms{0};  // how long a newer map takes to open
-  std::atomic<std::int64_t> next_build{
-      0};  // a newer map of this build is there; negative: a bad one
+  // A newer map of this build is there, until it has been opened; negative: a bad one.
+  std::atomic<std::int64_t> next_build{0};
+  std::atomic<bool> is_mended{false};  // the bad one opens
+  std::atomic<int> num_updates{0}, num_failed{0};  // times that it was opened, that it did not open
 
  private:
   mutable std::mutex mutex_;

@@ -1,5 +1,6 @@
 // A newer map while frames come in, with engines that need none.
 #include <gtest/gtest.h>
+#include <httplib.h>
 
 #include "tests/runtime/service/service_support.h"
 
@@ -49,7 +50,7 @@ TEST_F(Swapping, AMapThatDoesNotOpenChangesNothing) {
   source_.next_build = -1;
   EXPECT_TRUE(Eventually([&] {
     SleepMs(5);
-    return source_.next_build == 0;
+    return source_.num_failed == 1;
   }));
   for (int i = 0; i < 5; ++i) AnswersUntilBuild(camera, poses, SampleBundle().build);
   EXPECT_FALSE(serve.ended());
@@ -63,9 +64,58 @@ TEST_F(Swapping, ToldToStopWhileAMapOpensItStops) {
   source_.next_build = 43;
   EXPECT_TRUE(Eventually([&] {
     SleepMs(1);
-    return source_.next_build == 0;
+    return source_.num_updates > 0;
   }));
   EXPECT_TRUE(serve.Stop().ok());
+}
+
+TEST_F(Swapping, AMapThatDoesNotOpenIsTriedAgainLessAndLessOften) {
+  Publisher camera = OpenPublisher();
+  ServeOptions options = Options(camera.endpoint());
+  options.retry_wait_s = 0.05;
+  options.max_retry_wait_s = 0.4;
+  options.http_port = 0;
+  std::atomic<int> port{0};
+  options.on_http = [&](int bound) { port = bound; };
+  RunningServe serve(options, source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  AnswersUntilBuild(camera, poses, SampleBundle().build);
+  SetLogLevel("error");
+  testing::internal::CaptureStderr();
+  source_.next_build = -1;
+  EXPECT_TRUE(Eventually([&] {
+    // The one before answers on.
+    AnswersUntilBuild(camera, poses, SampleBundle().build);
+    const auto metrics = httplib::Client("127.0.0.1", port).Get("/metrics");
+    const std::string name = "\npanofix_map_swaps_failed_total ";
+    const auto at = metrics ? metrics->body.find(name) : std::string::npos;
+    return at != std::string::npos && std::stoi(metrics->body.substr(at + name.size())) >= 5;
+  }));
+  const std::string log = testing::internal::GetCapturedStderr();
+  SetLogLevel("off");
+  for (const char* wait : {" 0.05 s", " 0.1 s", " 0.2 s", " 0.4 s"})
+    EXPECT_NE(log.find(std::string("tried again in") + wait), std::string::npos) << log;
+  EXPECT_EQ(log.find("0.8 s"), std::string::npos) << log;
+  // The same map opens after all.
+  source_.is_mended = true;
+  AnswersUntilBuild(camera, poses, -1);
+}
+
+TEST_F(Swapping, AnotherMapDoesNotWaitForTheOneThatFailed) {
+  Publisher camera = OpenPublisher();
+  ServeOptions options = Options(camera.endpoint());
+  options.retry_wait_s = options.max_retry_wait_s = 3600;
+  RunningServe serve(options, source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  source_.next_build = -1;
+  EXPECT_TRUE(Eventually([&] {
+    SleepMs(5);
+    return source_.num_failed == 1;
+  }));
+  for (int i = 0; i < 20; ++i) AnswersUntilBuild(camera, poses, SampleBundle().build);
+  EXPECT_EQ(source_.num_failed, 1) << "it waits";
+  source_.next_build = 44;
+  AnswersUntilBuild(camera, poses, 44);
 }
 
 }  // namespace
