@@ -51,6 +51,8 @@ void WriteFeed(const MonitorSnapshot& s, Writer* w) {
   w->Count("panofix_frames_undecodable_total", s.num_undecodable,
            "Frames answered without a look at their pixels.");
   w->Count("panofix_calibrations_total", s.feed.calibrations, "Calibrations that arrived.");
+  w->Count("panofix_calibrations_rival_total", s.num_rival_calibrations,
+           "Of these, passed over: they differ from the one in use, which comes as well.");
   w->Count("panofix_messages_malformed_total", s.feed.malformed, "Messages not of two parts.");
   w->Count("panofix_messages_wrong_topic_total", s.feed.wrong_topic, "Messages of other topics.");
   w->Count("panofix_feed_connects_total", s.feed.connects, "Connections of the feed.");

@@ -85,6 +85,7 @@ struct MonitorSnapshot {
   std::map<std::pair<FixStatus, std::string>, std::int64_t> answers;  // by status and reason
   std::int64_t num_answers = 0, num_fixes = 0, num_refused = 0, num_undecodable = 0;
   std::int64_t num_camera_unknown = 0;  // frames left out while no calibration was known
+  std::int64_t num_rival_calibrations = 0;  // passed over: another is in use, and comes as well
   std::int64_t num_requests = 0, num_requests_refused = 0, num_denied_users = 0;
   std::int64_t num_swaps = 0, num_failed_swaps = 0;
   std::int64_t num_recorded = 0, num_not_recorded = 0;

@@ -101,6 +101,7 @@ Status EngineKeeper::TakeOpened() {
   if (before_) engine_ = std::move(before_);
   if (generation_ == 0) return opened.status();
   refused_ = opening_camera_;
+  confirmed_.reset();  // it was the other's
   LogWarning("calibration refused: " + opened.status().message() +
              "; it is not tried again with this map");
   return {};
@@ -112,7 +113,9 @@ void EngineKeeper::TakeCalibration(const WireBytes& payload) {
     calibration_log_.Warn("calibration refused: " + camera.status().message());
     return;
   }
+  const auto now = Clock::now();
   if (SameCamera(*camera, engine_->camera())) {
+    confirmed_ = now;
     camera_is_known_ = true;
     return;
   }
@@ -128,11 +131,23 @@ void EngineKeeper::TakeCalibration(const WireBytes& payload) {
                           "; build a bundle for this camera");
     return;
   }
+  // The map would be opened again and again, for each in turn.
+  if (confirmed_ &&
+      now - *confirmed_ < std::chrono::duration<double>(options_.calibration_hold_s)) {
+    monitor_.Count(&MonitorSnapshot::num_rival_calibrations);
+    rival_log_.Warn(
+        options_.frames +
+        ": a calibration that differs from the one in use, which comes as well: two "
+        "cameras publish on one feed. The one in use stays, but frames of the other get "
+        "wrong poses; give each camera a feed and a runtime of its own");
+    return;
+  }
   // It is sent every second, and each try costs frames their answer.
   if (refused_ && SameCamera(*camera, *refused_)) return;
   // A map under way would come for the old camera; the next calibration, a second later, is taken.
   if (update_.valid() || opening_.valid()) return;
   LogInfo("calibration of the feed: opening the map for it");
+  confirmed_ = now;
   static_cast<void>(StartOpening(*camera));
   camera_is_known_ = opening_.valid() || SameCamera(*camera, engine_->camera());
 }

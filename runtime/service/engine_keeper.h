@@ -29,7 +29,8 @@ class EngineKeeper {
   // Goes up by one whenever the engine is another one.
   [[nodiscard]] int generation() const { return generation_; }
 
-  // Takes what the feed says of its camera: another engine where it differs and fits the bundle.
+  // Takes what the feed says of its camera: another engine where it differs and fits the bundle. Of
+  // two cameras that disagree the one in use stays.
   void TakeCalibration(const WireBytes& payload);
   // Whether frames may be answered: they are left unanswered for a while before the calibration,
   // because a wrong camera gives wrong poses. `waited_s`: since the first frame.
@@ -65,6 +66,8 @@ class EngineKeeper {
   int generation_ = 0;
   std::mutex spare_mutex_;  // guards spare_
   std::unique_ptr<FrameEngine> spare_;
+  // When the feed last said that its camera is the one in use.
+  std::optional<std::chrono::steady_clock::time_point> confirmed_;
   Camera opening_camera_;                // that the map is, or was last, opened for
   std::optional<Camera> refused_;        // that the map in use does not open for
   std::future<Opened> opening_;          // valid while the map is being opened for a camera
@@ -74,7 +77,7 @@ class EngineKeeper {
   std::string newer_;  // the map that was opened last as an update, or tried
   int num_tries_ = 0;  // that failed, of this map
   std::chrono::steady_clock::time_point retry_at_;
-  LogThrottle calibration_log_;
+  LogThrottle calibration_log_, rival_log_;
 };
 
 }  // namespace panofix

@@ -37,7 +37,7 @@ struct FrameReceiver::Impl {
   mutable std::mutex mutex;  // guards what follows
   std::condition_variable arrived;
   std::optional<ArrivedFrame> frame;
-  std::optional<WireBytes> calibration;
+  std::vector<WireBytes> calibrations;
   FeedCounts counters;
   Status failure;
 
@@ -75,7 +75,9 @@ void FrameReceiver::Impl::Run() {
 void FrameReceiver::Impl::Store(WireMessage message) {
   if (message.topic != kFrameTopic) {
     ++counters.calibrations;
-    calibration = std::move(message.payload);
+    constexpr std::size_t kMost = 8;  // each is sent every second; they are taken more often
+    if (calibrations.size() == kMost) calibrations.erase(calibrations.begin());
+    calibrations.push_back(std::move(message.payload));
     return;
   }
   ++counters.frames;
@@ -121,9 +123,9 @@ std::optional<ArrivedFrame> FrameReceiver::TakeFrame(std::chrono::milliseconds t
   return std::exchange(impl_->frame, std::nullopt);
 }
 
-std::optional<WireBytes> FrameReceiver::TakeCalibration() {
+std::vector<WireBytes> FrameReceiver::TakeCalibrations() {
   const std::lock_guard lock(impl_->mutex);
-  return std::exchange(impl_->calibration, std::nullopt);
+  return std::exchange(impl_->calibrations, {});
 }
 
 FeedCounts FrameReceiver::counters() const {

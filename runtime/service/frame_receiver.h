@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "common/base/status.h"
 #include "runtime/monitor/service_monitor.h"
@@ -39,8 +40,9 @@ class FrameReceiver {
 
   // The newest payload of kFrameTopic since the last call; waits for one up to `timeout`.
   [[nodiscard]] std::optional<ArrivedFrame> TakeFrame(std::chrono::milliseconds timeout);
-  // The newest payload of kCameraTopic since the last call.
-  [[nodiscard]] std::optional<WireBytes> TakeCalibration();
+  // The newest payloads of kCameraTopic since the last call, in their order: two cameras on one
+  // feed must not hide each other.
+  [[nodiscard]] std::vector<WireBytes> TakeCalibrations();
   [[nodiscard]] FeedCounts counters() const;
   // Not ok once the socket itself has failed; nothing more will come then.
   [[nodiscard]] Status status() const;

@@ -19,6 +19,7 @@ void ServeOptions::Check() const {
   const Status asked = requests.empty() ? Status() : CheckEndpoint("requests", requests);
   require(asked.ok(), asked.message().c_str());
   require(camera_wait_s >= 0, "camera_wait_s must be 0 or above");
+  require(calibration_hold_s >= 0, "calibration_hold_s must be 0 or above");
   require(max_message_bytes >= 1024, "max_message_bytes must be 1024 or above");
   require(max_rate_hz >= 0, "max_rate_hz must be 0 or above");
   require(quiet_warning_s > 0, "quiet_warning_s must be above 0");

@@ -22,6 +22,9 @@ struct ServeOptions {
   // where none comes within `camera_wait_s` of the first frame, from the bundle, with a warning.
   std::optional<std::filesystem::path> camera;
   double camera_wait_s = 2;
+  // A calibration of the feed is in force until it has not come for so long; one that differs is
+  // passed over meanwhile. It is sent every second.
+  double calibration_hold_s = 3;
   LocalizerOptions localizer;
   std::size_t max_message_bytes = std::size_t{64} << 20;  // a larger frame ends the connection
   // Frames that come faster are left out, requests (counted apart) refused; 0 = no bound.

@@ -93,7 +93,8 @@ Status ServeSession::Step() {
   const auto frame = receiver_->TakeFrame(kWait);
   if (Status status = receiver_->status(); !status.ok()) return status;
   // After the frame: a camera sends its calibration first.
-  if (const auto calibration = receiver_->TakeCalibration()) engines_.TakeCalibration(*calibration);
+  for (const WireBytes& calibration : receiver_->TakeCalibrations())
+    engines_.TakeCalibration(calibration);
   if (MsSince(reported_) > 1e3 * options_.report_interval_s) Report();
   if (!frame) return {};
   if (!first_frame_) first_frame_ = Clock::now();

@@ -1,5 +1,6 @@
 // What goes wrong beside a camera, over real sockets: the service answers on, and counts it.
 #include <gtest/gtest.h>
+#include <httplib.h>
 #include <signal.h>
 #include <sys/resource.h>
 
@@ -105,6 +106,55 @@ TEST_F(Faults, TwoCamerasOnOneFeedDoNotBreakIt) {
     }
     return counts[1] > 3 && counts[2] > 3;
   }));
+}
+
+// Each calibration in turn would have the map opened anew.
+TEST_F(Faults, OfTwoCamerasThatDisagreeTheOneInUseStaysUntilItIsGone) {
+  const std::string endpoint = "ipc://" + (folder_.path() / "feed*").string();
+  ServeOptions options = ServeOptionsFor(endpoint);
+  options.camera_wait_s = 60;  // only a calibration lets frames through
+  options.http_port = 0;
+  std::atomic<int> port{0};
+  options.on_http = [&](int bound) { port = bound; };
+  const auto num_rivals = [&] {
+    const std::string name = "\npanofix_calibrations_rival_total ";
+    const auto page = httplib::Client("127.0.0.1", port).Get("/metrics");
+    const auto at = page ? page->body.find(name) : std::string::npos;
+    return at == std::string::npos ? -1 : std::stoi(page->body.substr(at + name.size()));
+  };
+  RunningServe serve(options, source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  auto first = std::make_optional<ConnectingCamera>(context_, endpoint);
+  ConnectingCamera second(context_, endpoint);
+  const auto of_first = PackCalibration(1, Camera::FromHorizontalFov(64, 48, 60));
+  const auto of_second = PackCalibration(1, Camera::FromHorizontalFov(64, 48, 80));
+  EXPECT_TRUE(Eventually([&] {
+    first->Send(kCameraTopic, of_first);
+    SleepMs(5);
+    return source_.opened().size() == 2;
+  }));
+  SetLogLevel("warning");
+  testing::internal::CaptureStderr();
+  EXPECT_TRUE(Eventually([&] {
+    first->Send(kCameraTopic, of_first);
+    second.Send(kCameraTopic, of_second);
+    first->Send(kFrameTopic, PackFrame(1, SampleJpeg()));
+    SleepMs(5);
+    return num_rivals() >= 20;
+  }));
+  const std::string log = testing::internal::GetCapturedStderr();
+  SetLogLevel("off");
+  EXPECT_NE(log.find("two cameras publish on one feed"), std::string::npos) << log;
+  ASSERT_EQ(source_.opened().size(), 2U) << "the map was opened for the other camera";
+  EXPECT_EQ(source_.opened()[1].fx_px, Camera::FromHorizontalFov(64, 48, 60).fx_px);
+  // Once the first is gone, the other is taken.
+  first.reset();
+  EXPECT_TRUE(Eventually([&] {
+    second.Send(kCameraTopic, of_second);
+    SleepMs(20);
+    return source_.opened().size() == 3;
+  }));
+  EXPECT_EQ(source_.opened().at(2).fx_px, Camera::FromHorizontalFov(64, 48, 80).fx_px);
 }
 
 // Its messages pile up to the queue's bound, and nobody else feels it.

@@ -160,12 +160,21 @@ TEST_F(FrameReceiving, TheNewestFrameWins) {
 TEST_F(FrameReceiving, CalibrationHasAMailboxOfItsOwn) {
   Publisher publisher = OpenPublisher();
   const auto receiver = OpenReceiver(publisher.endpoint());
-  std::optional<WireBytes> calibration;
   EXPECT_TRUE(Eventually([&] {
     EXPECT_TRUE(publisher.Send(kCameraTopic, kPayload).ok());
     SleepMs(10);
-    return (calibration = receiver->TakeCalibration()).has_value();
+    return !receiver->TakeCalibrations().empty();
   }));
+  // Several that came together are all there, up to a bound, the newest last.
+  const std::int64_t before = receiver->counters().calibrations;
+  for (std::uint8_t i = 1; i <= 20; ++i) {
+    ASSERT_TRUE(publisher.Send(kCameraTopic, std::vector<std::uint8_t>{i}).ok());
+    EXPECT_TRUE(Eventually([&] { return receiver->counters().calibrations >= before + i; }));
+  }
+  const std::vector<WireBytes> calibrations = receiver->TakeCalibrations();
+  ASSERT_EQ(calibrations.size(), 8U);
+  EXPECT_EQ(calibrations.front().bytes[0], 13);
+  EXPECT_EQ(calibrations.back().bytes[0], 20);
   EXPECT_TRUE(DeliverUntil(publisher, *receiver, 9));
 }
 
