@@ -97,8 +97,9 @@ void MonitorServer::Impl::AddRoutes() {
   });
   server.Get("/api/frame", [this](const Request&, Response& response) {
     const FramePicture picture = monitor.picture();
-    response.status = picture.bytes.empty() ? 404 : 200;
-    response.set_content(reinterpret_cast<const char*>(picture.bytes.data()), picture.bytes.size(),
+    const auto bytes = picture.preview ? picture.preview->Get() : picture.bytes;
+    response.status = bytes.empty() ? 404 : 200;
+    response.set_content(reinterpret_cast<const char*>(bytes.data()), bytes.size(),
                          picture.content_type.empty() ? kPlain : picture.content_type.c_str());
     response.set_header("X-Timestamp-Ns", std::to_string(picture.timestamp_ns));
   });

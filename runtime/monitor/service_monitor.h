@@ -17,6 +17,7 @@
 #include "runtime/localizer/frame_sight.h"
 #include "runtime/localizer/localizer.h"
 #include "runtime/monitor/latency_histogram.h"
+#include "runtime/monitor/lazy_bytes.h"
 
 namespace panofix {
 
@@ -69,11 +70,11 @@ struct TrailPoint {
   std::array<double, kNumServiceStages> stages_ms{};
 };
 
-// The newest frame as it came, for a browser (no bytes for raw pixels), and what its answer rests
-// on.
+// The newest frame, for a browser, and what its answer rests on.
 struct FramePicture {
-  std::shared_ptr<const void> owner;  // keeps the bytes
-  std::span<const std::uint8_t> bytes;
+  std::shared_ptr<const void> owner;    // keeps the bytes
+  std::span<const std::uint8_t> bytes;  // as it came
+  std::shared_ptr<LazyBytes> preview;   // in place of them where a browser cannot show those
   std::string content_type;
   std::int64_t timestamp_ns = 0;
   std::shared_ptr<const FrameSight> sight;  // may be absent
@@ -84,7 +85,7 @@ struct MonitorSnapshot {
   FeedCounts feed;
   std::map<std::pair<FixStatus, std::string>, std::int64_t> answers;  // by status and reason
   std::int64_t num_answers = 0, num_fixes = 0, num_refused = 0, num_undecodable = 0;
-  std::int64_t num_camera_unknown = 0;  // frames left out while no calibration was known
+  std::int64_t num_camera_unknown = 0;      // frames left out while no calibration was known
   std::int64_t num_rival_calibrations = 0;  // passed over: another is in use, and comes as well
   std::int64_t num_requests = 0, num_requests_refused = 0, num_denied_users = 0;
   std::int64_t num_swaps = 0, num_failed_swaps = 0;

@@ -2,6 +2,7 @@
 
 #include "common/base/cancel.h"
 #include "common/base/log.h"
+#include "runtime/service/frame_preview.h"
 #include "runtime/service/topics.h"
 
 namespace panofix {
@@ -173,6 +174,11 @@ void ServeSession::ShowPicture(const IncomingFrame& frame, const FrameResult& re
   if (frame.kind == FrameKind::kCompressed) {
     picture.owner = frame.payload.owner, picture.bytes = frame.data;
     picture.content_type = "image/" + frame.encoding;
+  } else {
+    const DecodeLimits limits = FrameLimitsFor(engines_.engine().camera());
+    picture.preview =
+        std::make_shared<LazyBytes>([frame, limits] { return EncodePreview(frame, limits); });
+    picture.content_type = "image/jpeg";
   }
   monitor_.SetPicture(std::move(picture));
 }

@@ -169,6 +169,22 @@ TEST(LivePage, ShowsTheTrailAndAClickTellsOfAnAnswer) {
   EXPECT_GT(paint[0], 200);  // a landmark
   EXPECT_LT(paint[1], 100);  // nothing
   EXPECT_GT(paint[2], 0);    // the line between (10, 20) and (132, 40)
+
+  // A picture that is made where the page asks for it, of a frame without a pose.
+  FramePicture made;
+  made.timestamp_ns = FixAt(8).timestamp_ns, made.content_type = "image/svg+xml";
+  made.preview = std::make_shared<LazyBytes>([] {
+    const std::string svg =
+        R"(<svg xmlns="http://www.w3.org/2000/svg" width="30" height="20"></svg>)";
+    return std::vector<std::uint8_t>(svg.begin(), svg.end());
+  });
+  monitor.SetPicture(made);
+  monitor.AddAnswer(FixAt(8), 1, 2);
+  EXPECT_TRUE(Eventually([&] {
+    return browser.Run(
+               "const i = document.getElementById('frame'); return i.hidden ? 0 : "
+               "i.naturalWidth") == 30;
+  }));
 }
 
 }  // namespace

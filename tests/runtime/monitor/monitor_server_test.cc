@@ -107,12 +107,36 @@ TEST_F(MonitorHttp, PictureIsTheNewestFrame) {
   sight->panorama = "p\xff", sight->width_px = 64, sight->height_px = 48;
   sight->pairs.push_back({{1, 2}, {3, 4}});
   EXPECT_EQ(Get("/api/sight").body, "null");
-  monitor_.SetPicture({bytes, *bytes, "image/jpeg", 77, sight});
+  monitor_.SetPicture({bytes, *bytes, nullptr, "image/jpeg", 77, sight});
   EXPECT_NE(Get("/api/sight").body.find("\"pairs\":[[1.0,2.0,3.0,4.0]]"), std::string::npos);
   EXPECT_EQ(Get("/api/frame").get_header_value("X-Timestamp-Ns"), "77");
   const auto response = Get("/api/frame");
   EXPECT_EQ(response.body, std::string("\1\0\2", 3));
   EXPECT_EQ(response.get_header_value("Content-Type"), "image/jpeg");
+}
+
+TEST_F(MonitorHttp, APreviewIsMadeOnceAndOnlyWhereSomebodyAsks) {
+  Start();
+  int num_made = 0;
+  FramePicture picture;
+  picture.timestamp_ns = 78, picture.content_type = "image/jpeg";
+  picture.preview = std::make_shared<LazyBytes>([&] {
+    ++num_made;
+    return std::vector<std::uint8_t>{7, 8};
+  });
+  monitor_.SetPicture(picture);
+  EXPECT_EQ(Get("/api/sight").status, 200);
+  EXPECT_EQ(num_made, 0);
+  for (int i = 0; i < 3; ++i) {
+    const auto response = Get("/api/frame");
+    EXPECT_EQ(response.status, 200);
+    EXPECT_EQ(response.body, "\7\10");
+    EXPECT_EQ(response.get_header_value("X-Timestamp-Ns"), "78");
+  }
+  EXPECT_EQ(num_made, 1);
+  picture.preview = std::make_shared<LazyBytes>([] { return std::vector<std::uint8_t>(); });
+  monitor_.SetPicture(picture);
+  EXPECT_EQ(Get("/api/frame").status, 404);
 }
 
 TEST_F(MonitorHttp, OtherNamesForThisMachineAreRefused) {

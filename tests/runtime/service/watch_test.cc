@@ -83,6 +83,36 @@ TEST_F(Watching, TimeThatIsUpIsAnsweredAsSuch) {
                         [](const ReceivedResult& r) { return r.row.status == FixStatus::kFix; }));
 }
 
+// Grey and small enough, whatever the camera sends.
+TEST_F(Watching, RawFramesHaveAPictureToo) {
+  Publisher camera = OpenPublisher();
+  RunningServe serve(Options(camera.endpoint()), source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  const auto show = [&](std::int64_t time_ns, const GrayImage& frame) {
+    EXPECT_TRUE(SendUntil(
+        camera, kFrameTopic, PackRawFrame(time_ns, frame), poses,
+        [&](const ReceivedResult& result) { return result.row.timestamp_ns == time_ns; }));
+    const auto response = Get("/api/frame");
+    EXPECT_EQ(response.status, 200);
+    EXPECT_EQ(response.get_header_value("Content-Type"), "image/jpeg");
+    EXPECT_EQ(response.get_header_value("X-Timestamp-Ns"), std::to_string(time_ns));
+    const auto* bytes = reinterpret_cast<const std::uint8_t*>(response.body.data());
+    return ValueOrThrow(DecodeGray({bytes, response.body.size()}));
+  };
+  GrayImage ramp{64, 48, {}};
+  for (int i = 0; i < 64 * 48; ++i) ramp.pixels.push_back(static_cast<std::uint8_t>(2 * (i % 64)));
+  const GrayImage shown = show(9, ramp);
+  ASSERT_EQ(shown.width_px, 64);
+  ASSERT_EQ(shown.height_px, 48);
+  constexpr int kTolerance = 6;  // what JPEG loses of a ramp
+  for (std::size_t i = 0; i < shown.pixels.size(); ++i)
+    ASSERT_NEAR(shown.pixels[i], ramp.pixels[i], kTolerance) << i;
+  // Within the limit of a frame, larger than a page needs.
+  const GrayImage wide = show(10, SampleImage(1600, 400));
+  EXPECT_EQ(wide.width_px, 1280);
+  EXPECT_EQ(wide.height_px, 320);
+}
+
 TEST_F(Watching, StopsWhileSomebodyWatches) {
   RunningServe serve(Options("tcp://127.0.0.1:9"), source_);
   httplib::Client client("127.0.0.1", port_);
