@@ -1,7 +1,5 @@
 // The publishing side: an XPUB socket, so that subscribers can be waited for.
 
-#include <set>
-
 #include "common/base/log.h"
 #include "runtime/service/log_throttle.h"
 #include "runtime/service/socket_monitor.h"
@@ -18,8 +16,7 @@ struct Publisher::Impl {
   std::optional<SocketMonitor> monitor;
   std::string endpoint;
   std::int64_t num_without_key = 0;
-  std::set<std::uint32_t> subscribers;  // descriptors
-  LogThrottle connection_log, handshake_log;
+  LogThrottle come_log, gone_log, handshake_log;
 
   void ReadEvents();
 };
@@ -27,14 +24,6 @@ struct Publisher::Impl {
 void Publisher::Impl::ReadEvents() {
   for (const SocketEvent& event : monitor->Take()) {
     switch (event.number) {
-      case ZMQ_EVENT_HANDSHAKE_SUCCEEDED:
-        subscribers.insert(event.value);
-        connection_log.Write(LogLevel::kInfo, endpoint + ": a subscriber has connected");
-        break;
-      case ZMQ_EVENT_DISCONNECTED:  // also told of those that were never let in
-        if (subscribers.erase(event.value) == 0) break;
-        connection_log.Write(LogLevel::kInfo, endpoint + ": a subscriber has gone");
-        break;
       case ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL:
       case ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL:
         if (gate) ++num_without_key;
@@ -64,7 +53,7 @@ Result<Publisher> Publisher::Bind(const std::string& endpoint, const PublisherOp
     impl->socket.set(zmq::sockopt::sndhwm, options.send_queue_messages);
     impl->socket.set(zmq::sockopt::linger, options.linger_ms);
     impl->socket.set(zmq::sockopt::maxmsgsize, kMaxSubscriptionBytes);
-    impl->socket.set(zmq::sockopt::xpub_verbose, true);
+    impl->socket.set(zmq::sockopt::xpub_verboser, true);  // each one's coming and going
     socket_support::SetHeartbeat(impl->socket);
     if (options.security.own) impl->gate.emplace(impl->context, options.security.client_keys);
     socket_support::SetSecurity(impl->socket, options.security, true);
@@ -99,7 +88,13 @@ std::vector<std::string> Publisher::TakeSubscriptions(int timeout_ms) {
       if (!impl_->socket.recv(message, zmq::recv_flags::dontwait)) break;
       // 1 + prefix subscribes, 0 + prefix unsubscribes.
       const std::string text = message.to_string();
-      if (!text.empty() && text[0] == 1) topics.push_back(text.substr(1));
+      if (text.empty()) continue;
+      if (text[0] == 1) {
+        topics.push_back(text.substr(1));
+        impl_->come_log.Write(LogLevel::kInfo, impl_->endpoint + ": a subscription has come");
+      } else if (text[0] == 0) {
+        impl_->gone_log.Write(LogLevel::kInfo, impl_->endpoint + ": a subscription has ended");
+      }
     }
   } catch (const zmq::error_t&) {
     // A signal; the caller asks again.

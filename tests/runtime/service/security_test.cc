@@ -80,6 +80,7 @@ TEST_F(Secured, TheLogSaysTurnedAwayAndNoMore) {
   SetLogLevel("off");
   EXPECT_NE(log.find("turned away; is our key listed"), std::string::npos) << log;
   EXPECT_EQ(log.find("connected"), std::string::npos) << log;
+  EXPECT_EQ(log.find("a subscription"), std::string::npos) << log;
 }
 
 TEST_F(Secured, NobodyWithoutAKeyIsServed) {

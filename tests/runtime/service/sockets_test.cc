@@ -52,6 +52,31 @@ TEST_F(Sockets, PublisherTellsWhatSubscribersAskFor) {
   EXPECT_EQ(topics, std::vector<std::string>{std::string(kFrameTopic)});
 }
 
+// Two of one topic, one after the other: each is told, whether it says so or breaks off.
+TEST_F(Sockets, SubscriptionsThatComeAndEndAreTold) {
+  SetLogLevel("info");
+  testing::internal::CaptureStderr();
+  Publisher publisher = OpenPublisher();
+  const auto wait_for = [&](const std::string& line) {
+    std::string log;
+    const bool found = Eventually([&] {
+      static_cast<void>(publisher.TakeSubscriptions(20));
+      log += testing::internal::GetCapturedStderr();
+      testing::internal::CaptureStderr();
+      return log.find(publisher.endpoint() + line) != std::string::npos;
+    });
+    EXPECT_TRUE(found) << line << " is not in: " << log;
+  };
+  auto first = std::make_optional(OpenSubscriber(publisher.endpoint(), {kFrameTopic}));
+  wait_for(": a subscription has come");
+  const Subscriber second = OpenSubscriber(publisher.endpoint(), {kFrameTopic});
+  EXPECT_TRUE(Eventually([&] { return !publisher.TakeSubscriptions(20).empty(); }));
+  first.reset();
+  wait_for(": a subscription has ended");
+  static_cast<void>(testing::internal::GetCapturedStderr());
+  SetLogLevel("off");
+}
+
 TEST_F(Sockets, EndpointSyntax) {
   for (const char* good : {"tcp://*:5556", "tcp://127.0.0.1:0", "tcp://[::1]:9", "tcp://host:*",
                            "ipc:///tmp/frames", "ipc://relative"}) {
