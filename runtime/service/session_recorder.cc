@@ -38,11 +38,7 @@ std::filesystem::path FileIn(const std::filesystem::path& path) {
 
 struct SessionRecorder::Impl {
   Impl(McapWriter mcap, ServiceMonitor& service_monitor, RecorderLimits recorder_limits)
-      : writer(std::move(mcap)),
-        monitor(service_monitor),
-        limits(std::move(recorder_limits)),
-        thread([this] { Run(); }) {}
-  ~Impl() { Stop(); }
+      : writer(std::move(mcap)), limits(std::move(recorder_limits)), monitor(&service_monitor) {}
 
   struct Job {
     std::size_t num_bytes = 0;
@@ -51,31 +47,25 @@ struct SessionRecorder::Impl {
   // False where too much waits already.
   bool Post(Job job, bool is_bounded);
   void Run();
-  void Stop();
   // Counts, and tells a failure once.
-  void Note(const Status& status) {
-    monitor.Count(status.ok() ? &MonitorSnapshot::num_recorded
-                              : &MonitorSnapshot::num_not_recorded);
-    if (!status.ok() && !has_failed) Log(LogLevel::kError, status.message());
-    has_failed = has_failed || !status.ok();
-  }
+  void Note(const Status& status);
   Status AddChannels();
 
   // The thread's, once it has a job.
   McapWriter writer;
-  ServiceMonitor& monitor;
   bool has_failed = false;
   std::uint16_t compressed_id = 0, raw_id = 0, camera_id = 0, pose_id = 0;
 
   const RecorderLimits limits;
   bool has_gap = false;  // frames were left out since the last that was not
   LogThrottle gap_log;
-  std::mutex mutex;  // guards what follows
+  std::thread thread;
+  std::mutex mutex;         // guards what follows
+  ServiceMonitor* monitor;  // null once the thread is left behind: nobody is there to be told
   std::condition_variable changed;
   std::deque<Job> jobs;
   std::size_t num_waiting_bytes = 0;
-  bool is_writing = false, stop = false;
-  std::thread thread;  // last: it uses the others
+  bool is_writing = false, stop = false, has_ended = false;
 };
 
 bool SessionRecorder::Impl::Post(Job job, bool is_bounded) {
@@ -93,7 +83,7 @@ void SessionRecorder::Impl::Run() {
   std::unique_lock lock(mutex);
   while (true) {
     changed.wait(lock, [&] { return stop || !jobs.empty(); });
-    if (stop) return;
+    if (stop) break;
     const Job job = std::move(jobs.front());
     jobs.pop_front();
     is_writing = true;
@@ -105,15 +95,19 @@ void SessionRecorder::Impl::Run() {
     num_waiting_bytes -= job.num_bytes;
     changed.notify_all();
   }
+  lock.unlock();
+  if (!has_failed) Note(writer.Finish());
+  lock.lock();
+  has_ended = true;
+  changed.notify_all();
 }
 
-void SessionRecorder::Impl::Stop() {
-  {
-    const std::lock_guard lock(mutex);
-    stop = true;
-  }
-  changed.notify_all();
-  if (thread.joinable()) thread.join();
+void SessionRecorder::Impl::Note(const Status& status) {
+  const std::lock_guard lock(mutex);
+  if (monitor == nullptr) return;
+  monitor->Count(status.ok() ? &MonitorSnapshot::num_recorded : &MonitorSnapshot::num_not_recorded);
+  if (!status.ok() && !has_failed) Log(LogLevel::kError, status.message());
+  has_failed = has_failed || !status.ok();
 }
 
 Status SessionRecorder::Impl::AddChannels() {
@@ -141,8 +135,8 @@ Status SessionRecorder::Impl::AddChannels() {
   return {};
 }
 
-SessionRecorder::SessionRecorder(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-SessionRecorder::~SessionRecorder() = default;
+SessionRecorder::SessionRecorder(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
+SessionRecorder::~SessionRecorder() { Finish(); }
 const std::string& SessionRecorder::path() const { return impl_->writer.path(); }
 
 Result<std::unique_ptr<SessionRecorder>> SessionRecorder::Create(const std::filesystem::path& path,
@@ -151,7 +145,7 @@ Result<std::unique_ptr<SessionRecorder>> SessionRecorder::Create(const std::file
                                                                  RecorderLimits limits) {
   auto writer = McapWriter::Create(FileIn(path));
   if (!writer.ok()) return writer.status();
-  auto impl = std::make_unique<Impl>(std::move(*writer), monitor, std::move(limits));
+  auto impl = std::make_shared<Impl>(std::move(*writer), monitor, std::move(limits));
   std::string levers;
   for (const std::string& lever : options.add) levers += (levers.empty() ? "" : ",") + lever;
   Status status = impl->writer.WriteMetadata(recording::kOptions,
@@ -160,6 +154,7 @@ Result<std::unique_ptr<SessionRecorder>> SessionRecorder::Create(const std::file
                                               {recording::kSeed, std::to_string(options.seed)}});
   if (status.ok()) status = impl->AddChannels();
   if (!status.ok()) return status;
+  impl->thread = std::thread([impl] { impl->Run(); });
   return std::unique_ptr<SessionRecorder>(new SessionRecorder(std::move(impl)));
 }
 
@@ -199,20 +194,29 @@ void SessionRecorder::AddAnswer(const IncomingFrame& frame, std::span<const std:
   };
   impl->has_gap = !impl->Post({frame.payload.bytes.size() + answer.size(), write}, true);
   if (!impl->has_gap) return;
-  impl->monitor.Count(&MonitorSnapshot::num_not_recorded, 2);
+  impl->monitor->Count(&MonitorSnapshot::num_not_recorded, 2);
   impl->gap_log.Warn(path() + ": the disk is too slow, frames are missing from the recording");
 }
 
 void SessionRecorder::Finish() {
-  {
-    std::unique_lock lock(impl_->mutex);
-    impl_->changed.wait_for(lock, std::chrono::duration<double>(impl_->limits.finish_patience_s),
-                            [&] { return impl_->jobs.empty() && !impl_->is_writing; });
-  }
-  impl_->Stop();
+  if (!impl_->thread.joinable()) return;
+  const std::chrono::duration<double> patience(impl_->limits.finish_patience_s);
+  std::unique_lock lock(impl_->mutex);
+  impl_->changed.wait_for(lock, patience,
+                          [&] { return impl_->jobs.empty() && !impl_->is_writing; });
+  impl_->stop = true;
+  impl_->changed.notify_all();
   const auto num_lost = static_cast<std::int64_t>(2 * impl_->jobs.size());
-  if (num_lost > 0) impl_->monitor.Count(&MonitorSnapshot::num_not_recorded, num_lost);
-  if (!impl_->has_failed) impl_->Note(impl_->writer.Finish());
+  if (num_lost > 0) impl_->monitor->Count(&MonitorSnapshot::num_not_recorded, num_lost);
+  if (impl_->changed.wait_for(lock, patience, [&] { return impl_->has_ended; })) {
+    lock.unlock();
+    impl_->thread.join();
+    return;
+  }
+  // Nothing wakes a thread that waits for a disk, and the end of the process must not.
+  impl_->monitor = nullptr;
+  impl_->thread.detach();
+  LogWarning(path() + ": the disk does not answer; the recording may lack its end");
 }
 
 }  // namespace panofix

@@ -17,7 +17,8 @@ struct IncomingFrame;
 struct RecorderLimits {
   // Frames that wait for the disk; what comes beyond is left out of the recording and counted.
   std::size_t max_waiting_bytes = std::size_t{64} << 20;
-  double finish_patience_s = 0.5;      // for what waits at the end
+  // At the end for what waits, and once more for the end marks and the flush to the disk.
+  double finish_patience_s = 0.4;
   std::function<void()> before_write;  // for tests: a slow disk
 };
 
@@ -40,14 +41,15 @@ class SessionRecorder {
   // replay no longer compares.
   void AddAnswer(const IncomingFrame& frame, std::span<const std::uint8_t> answer,
                  int stopped_at_step);
-  // Ends the file; without it the file is as after a crash. Does not wait long for a slow disk.
+  // Ends the file; the destructor does too. Does not wait long: a disk that does not answer keeps
+  // the writing thread, which is left behind then, and the file may be as after a crash.
   void Finish();
   [[nodiscard]] const std::string& path() const;
 
  private:
   struct Impl;
-  explicit SessionRecorder(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  explicit SessionRecorder(std::shared_ptr<Impl> impl);
+  std::shared_ptr<Impl> impl_;  // shared with the writing thread
 };
 
 }  // namespace panofix
