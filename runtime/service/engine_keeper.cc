@@ -35,13 +35,23 @@ std::string Describe(const BundleIdentity& bundle) {
 
 }  // namespace
 
-// A map that is still being opened uses the source.
+// A map that is still being opened uses the source; a future of std::async waits by itself.
 EngineKeeper::~EngineKeeper() {
   if (update_.valid()) update_.wait();
   if (opening_.valid()) opening_.wait();
 }
 
+void EngineKeeper::Retire(std::unique_ptr<FrameEngine> engine) {
+  // Giving a future up waits for it, so that is done there too.
+  retired_ = std::async(std::launch::async,
+                        [engine = std::move(engine), before = std::move(retired_)]() mutable {
+                          engine.reset();
+                          before = {};
+                        });
+}
+
 void EngineKeeper::Use(std::unique_ptr<FrameEngine> engine) {
+  if (engine_) Retire(std::move(engine_));
   engine_ = std::move(engine);
   MakeSpare();
   refused_.reset();  // another map may take it
@@ -56,8 +66,10 @@ void EngineKeeper::MakeSpare() {
     Log(LogLevel::kError, "requests stay with the map before: " + spare.status().message());
     return;
   }
-  const std::lock_guard lock(spare_mutex_);
-  spare_ = std::move(*spare);
+  std::unique_lock lock(spare_mutex_);
+  std::swap(spare_, *spare);
+  lock.unlock();
+  if (*spare) Retire(std::move(*spare));
 }
 
 std::unique_ptr<FrameEngine> EngineKeeper::TakeSpare() {
@@ -93,7 +105,7 @@ Status EngineKeeper::StartOpening(const Camera& camera) {
 Status EngineKeeper::TakeOpened() {
   Opened opened = opening_.get();
   if (opened.ok()) {
-    before_.reset();
+    if (before_) Retire(std::move(before_));
     Use(std::move(*opened));
     LogInfo(Describe(engine_->bundle()));
     return {};

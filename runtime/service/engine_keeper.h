@@ -48,6 +48,9 @@ class EngineKeeper {
   using Opened = Result<std::unique_ptr<FrameEngine>>;
   void Use(std::unique_ptr<FrameEngine> engine);
   void MakeSpare();
+  // Ends an engine beside the loop: the memory of a large map takes longer to free than a frame may
+  // wait.
+  void Retire(std::unique_ptr<FrameEngine> engine);
   // Opens the map for another camera; see Open. Frames wait although an engine is in use: what it
   // would answer with a camera that the feed no longer has would be wrong.
   [[nodiscard]] Status StartOpening(const Camera& camera);
@@ -74,8 +77,9 @@ class EngineKeeper {
   std::unique_ptr<FrameEngine> before_;  // in use before that; absent at the start
   std::future<Opened> update_;           // valid while a newer map is being opened
   std::chrono::steady_clock::time_point asked_;
-  std::string newer_;  // the map that was opened last as an update, or tried
-  int num_tries_ = 0;  // that failed, of this map
+  std::future<void> retired_;  // valid while, or after, engines are ended
+  std::string newer_;          // the map that was opened last as an update, or tried
+  int num_tries_ = 0;          // that failed, of this map
   std::chrono::steady_clock::time_point retry_at_;
   LogThrottle calibration_log_, rival_log_;
 };

@@ -23,6 +23,10 @@ class FakeEngine : public FrameEngine {
   FakeEngine(FakeSource& source, const Camera& camera,
              const BundleIdentity& bundle = SampleBundle())
       : source_(source), camera_(camera), bundle_(bundle) {}
+  ~FakeEngine() override {
+    while (!source_.may_free) SleepMs(1);
+    ++source_.num_freed;
+  }
   FrameResult Localize(std::int64_t timestamp_ns, const GrayImage& frame,
                        const TimeIsUp& time_is_up) override {
     ++source_.num_begun;

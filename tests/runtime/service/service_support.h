@@ -90,10 +90,12 @@ class FakeSource : public EngineSource {
   std::atomic<int> work_ms{0};             // how long a frame takes
   std::atomic<int> num_begun{0}, num_localized{0}, num_forgotten{0};
   std::atomic<int> num_shared{0};  // engines over a map that was open already
-  std::atomic<int> update_ms{0};  // how long a newer map takes to open
+  std::atomic<int> update_ms{0};   // how long a newer map takes to open
   // A newer map of this build is there, until it has been opened; negative: a bad one.
   std::atomic<std::int64_t> next_build{0};
-  std::atomic<bool> is_mended{false};  // the bad one opens
+  std::atomic<bool> may_free{true};  // engines end
+  std::atomic<int> num_freed{0};
+  std::atomic<bool> is_mended{false};              // the bad one opens
   std::atomic<int> num_updates{0}, num_failed{0};  // times that it was opened, that it did not open
 
  private:

@@ -43,6 +43,43 @@ TEST_F(Swapping, FramesAreAnsweredWhileTheNewerMapOpens) {
   AnswersUntilBuild(camera, poses, 42);
 }
 
+// The memory of a large map is not freed in no time.
+TEST_F(Swapping, FramesAreAnsweredWhileTheOldMapIsFreed) {
+  Publisher camera = OpenPublisher();
+  RunningServe serve(Options(camera.endpoint()), source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  AnswersUntilBuild(camera, poses, SampleBundle().build);
+  source_.may_free = false;
+  for (const std::int64_t build : {43, 44}) {
+    source_.next_build = build;
+    for (int i = 0; i < 5; ++i) AnswersUntilBuild(camera, poses, build);
+  }
+  EXPECT_EQ(source_.num_freed, 0);
+  source_.may_free = true;
+  EXPECT_TRUE(Eventually([&] {
+    SleepMs(1);
+    return source_.num_freed == 2;
+  }));
+}
+
+// So it is with a calibration of the feed, for which the map is opened anew.
+TEST_F(Swapping, FramesAreAnsweredWhileTheEngineOfAnotherCameraIsFreed) {
+  Publisher camera = OpenPublisher();
+  RunningServe serve(Options(camera.endpoint()), source_);
+  Subscriber poses = OpenSubscriber(serve.poses(), {kPoseTopic});
+  AnswersUntilBuild(camera, poses, SampleBundle().build);
+  source_.may_free = false;
+  EXPECT_TRUE(Eventually([&] {
+    EXPECT_TRUE(
+        camera.Send(kCameraTopic, PackCalibration(2, Camera::FromHorizontalFov(64, 48, 60))).ok());
+    SleepMs(5);
+    return source_.opened().size() == 2;
+  }));
+  for (int i = 0; i < 5; ++i) AnswersUntilBuild(camera, poses, SampleBundle().build);
+  EXPECT_EQ(source_.num_freed, 0);
+  source_.may_free = true;
+}
+
 TEST_F(Swapping, AMapThatDoesNotOpenChangesNothing) {
   Publisher camera = OpenPublisher();
   RunningServe serve(Options(camera.endpoint()), source_);
