@@ -76,12 +76,30 @@ void MatchOptions::Check() const {
 }
 
 int DescriptorDistanceSq(const std::uint8_t* a, const std::uint8_t* b) {
+#if defined(__SSE2__)
+  const __m128i zero = _mm_setzero_si128();
+  __m128i low = zero, high = zero;
+  for (std::size_t i = 0; i < kSize; i += 16) {
+    const __m128i x = _mm_loadu_si128(reinterpret_cast<const __m128i*>(a + i));
+    const __m128i y = _mm_loadu_si128(reinterpret_cast<const __m128i*>(b + i));
+    // Saturated differences: one of the two is the absolute one, the other 0.
+    const __m128i d = _mm_or_si128(_mm_subs_epu8(x, y), _mm_subs_epu8(y, x));
+    const __m128i d0 = _mm_unpacklo_epi8(d, zero), d1 = _mm_unpackhi_epi8(d, zero);
+    low = _mm_add_epi32(low, _mm_madd_epi16(d0, d0));
+    high = _mm_add_epi32(high, _mm_madd_epi16(d1, d1));
+  }
+  __m128i sums = _mm_add_epi32(low, high);
+  sums = _mm_add_epi32(sums, _mm_shuffle_epi32(sums, 0x4e));
+  sums = _mm_add_epi32(sums, _mm_shuffle_epi32(sums, 0xb1));
+  return _mm_cvtsi128_si32(sums);
+#else
   int sum = 0;
   for (std::size_t i = 0; i < kSize; ++i) {
     const int d = int{a[i]} - int{b[i]};
     sum += d * d;
   }
   return sum;
+#endif
 }
 
 std::vector<FeatureMatch> MatchDescriptors(std::span<const std::uint8_t> query,

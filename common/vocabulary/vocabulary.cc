@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "common/base/log.h"
 #include "common/features/matcher.h"
@@ -170,23 +171,27 @@ std::vector<float> InverseDocumentFrequency(std::span<const std::uint32_t> views
 }
 
 InvertedIndex::InvertedIndex(std::span<const BagOfWords> bags) : num_views_(bags.size()) {
+  std::uint32_t num_words = 0;
   for (const BagOfWords& bag : bags) {
-    for (const WeightedWord& entry : bag) words_.push_back(entry.word);
+    for (const WeightedWord& entry : bag) num_words = std::max(num_words, entry.word + 1);
   }
-  views_.resize(words_.size());
-  weights_.resize(words_.size());
-  std::sort(words_.begin(), words_.end());
-  std::vector<std::uint32_t> unique;
-  for (std::uint32_t i = 0; i < words_.size(); ++i) {
-    if (i == 0 || words_[i] != words_[i - 1]) unique.push_back(words_[i]), offsets_.push_back(i);
+  // Counting sort: a slot a word, for the time of this function.
+  std::vector<std::uint32_t> next(num_words, 0);
+  for (const BagOfWords& bag : bags) {
+    for (const WeightedWord& entry : bag) ++next[entry.word];
   }
-  words_ = std::move(unique);
-  std::vector<std::uint32_t> next = offsets_;
-  offsets_.push_back(static_cast<std::uint32_t>(views_.size()));
+  std::uint32_t begin = 0;
+  for (std::uint32_t word = 0; word < num_words; ++word) {
+    const std::uint32_t count = std::exchange(next[word], begin);
+    if (count > 0) words_.push_back(word), offsets_.push_back(begin);
+    begin += count;
+  }
+  offsets_.push_back(begin);
+  views_.resize(begin);
+  weights_.resize(begin);
   for (std::size_t view = 0; view < bags.size(); ++view) {
     for (const WeightedWord& entry : bags[view]) {
-      const auto row = std::lower_bound(words_.begin(), words_.end(), entry.word) - words_.begin();
-      const std::uint32_t slot = next[static_cast<std::size_t>(row)]++;
+      const std::uint32_t slot = next[entry.word]++;
       views_[slot] = static_cast<std::uint32_t>(view);
       weights_[slot] = entry.weight;
     }

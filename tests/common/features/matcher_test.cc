@@ -131,6 +131,20 @@ TEST(MatchDescriptors, TheLargestDistanceDoesNotOverflow) {
   EXPECT_EQ(DescriptorDistanceSq(zeros.data(), full.data()), 128 * 255 * 255);
 }
 
+TEST(DescriptorDistance, IsTheSumOfSquares) {
+  Rng rng(1, "tests/distance");
+  for (int trial = 0; trial < 200; ++trial) {
+    const Bytes a = RandomDescriptors(1, &rng), b = RandomDescriptors(1, &rng);
+    EXPECT_EQ(DescriptorDistanceSq(a.data(), b.data()), DistanceSq(a, 0, b, 0));
+  }
+  // Each entry in its place.
+  for (std::size_t i = 0; i < kSize; ++i) {
+    Bytes a(kSize, 7), b = a;
+    a[i] = static_cast<std::uint8_t>(2 * i), b[i] = 255;
+    EXPECT_EQ(DescriptorDistanceSq(a.data(), b.data()), DistanceSq(a, 0, b, 0)) << i;
+  }
+}
+
 TEST(MatchDescriptors, FewOrNoDescriptors) {
   Rng rng(1, "tests/few");
   const Bytes one = RandomDescriptors(1, &rng), two = RandomDescriptors(2, &rng);

@@ -105,6 +105,19 @@ TEST(PackedDescriptor, TheLowHalfComesFirst) {
   EXPECT_EQ(packed[1], 0);
 }
 
+TEST(PackedDescriptor, EveryByteIsTwoEntries) {
+  for (int byte = 0; byte < 256; ++byte) {
+    std::array<std::uint8_t, kPackedDescriptorSize> packed{};
+    const auto at = static_cast<std::size_t>(byte) % packed.size();
+    packed[at] = static_cast<std::uint8_t>(byte);
+    Descriptor descriptor, expected{};
+    UnpackDescriptor(packed.data(), descriptor.data());
+    expected[2 * at] = static_cast<std::uint8_t>(byte % 16 * kDescriptorStep);
+    expected[2 * at + 1] = static_cast<std::uint8_t>(byte / 16 * kDescriptorStep);
+    EXPECT_EQ(descriptor, expected) << byte;
+  }
+}
+
 // Entries below 155 move by half a step at most: 128 of them by 57 in all, and by 33 as a rule.
 TEST(PackedDescriptor, DistancesMoveByNoMoreThanTheRounding) {
   const double bound = std::sqrt(double{kDescriptorSize}) * kDescriptorStep / 2;
