@@ -15,6 +15,12 @@ namespace panofix {
 
 using namespace map_internal;
 
+namespace {
+
+bool IsTile(const BundlePart& part) { return part.path.starts_with("tiles/"); }
+
+}  // namespace
+
 Result<Manifest> MapBundle::ReadManifest(const std::filesystem::path& folder, std::string* id) {
   auto manifest = ReadSignedManifest(folder, {});
   if (!manifest.ok()) return manifest.status();
@@ -47,16 +53,20 @@ Status MapBundle::Load(const std::filesystem::path& folder, std::uint64_t max_ti
   auto descriptors = OpenParts(folder, parts);
   if (!descriptors.ok()) return descriptors.status();
   for (std::size_t i = 0; i < parts.size(); ++i) {
+    if (!IsTile(parts[i])) continue;
+    tiles_.Add(parts[i], std::move((*descriptors)[i]), (folder / parts[i].path).string());
+  }
+  std::vector<Status> read;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
     if (CancelRequested()) return {ErrorCode::kCancelled, folder.string() + ": interrupted"};
     const std::string name = (folder / parts[i].path).string();
-    const Status status = LoadPart(parts[i], std::move((*descriptors)[i]), name);
+    const Status status = IsTile(parts[i]) ? LoadTile(max_tile_bytes, &read)
+                                           : LoadPart(parts[i], (*descriptors)[i].get(), name);
     // An array that is not there is the bundle's fault, not the caller's.
     const ErrorCode code =
         status.code() == ErrorCode::kNotFound ? ErrorCode::kBadData : status.code();
     if (status.code() == ErrorCode::kChecksumMismatch) return status;
     if (!status.ok()) return {code, name + ": " + status.message()};
-    if (max_tile_bytes > 0 && tiles_.num_loaded_bytes() > max_tile_bytes)
-      tiles_.Drop(tiles_.size() - 1);
   }
   for (const Slot& slot : slot_of_view_) {
     if (slot.tile == ~0U) return Bad(folder.string() + ": a panorama of graph.h5 is in no tile");
@@ -66,18 +76,37 @@ Status MapBundle::Load(const std::filesystem::path& folder, std::uint64_t max_ti
   return {};
 }
 
-Status MapBundle::LoadPart(const BundlePart& part, UniqueFd fd, const std::string& name) {
-  if (part.path.starts_with("tiles/")) {
-    const TileCache::Parse parse = [this](int copy, const std::string& n) -> Result<MapTile> {
-      auto file = Hdf5Reader::Open(copy, n);
-      if (!file.ok()) return file.status();
-      return MapTile::Load(*file, index_of_panorama_, vocabulary_.num_words());
-    };
-    const Status status = tiles_.Add(part, std::move(fd), name, parse);
-    return status.ok() ? PlaceTile() : status;
+Result<MapTile> MapBundle::ParseTile(int fd, const std::string& name) const {
+  auto file = Hdf5Reader::Open(fd, name);
+  if (!file.ok()) return file.status();
+  return MapTile::Load(*file, index_of_panorama_, vocabulary_.num_words());
+}
+
+Status MapBundle::LoadTile(std::uint64_t max_tile_bytes, std::vector<Status>* read) {
+  const std::size_t tile = views_of_tile_.size();
+  if (tile == read->size()) {
+    // As many at once as there is room for; they are placed one by one, so that of several faults
+    // the first in order is told.
+    std::size_t end = tile + 1;
+    std::uint64_t num_bytes = tiles_.num_loaded_bytes() + tiles_.num_bytes(tile);
+    for (; end < tiles_.size(); ++end) {
+      num_bytes += tiles_.num_bytes(end);
+      if (max_tile_bytes > 0 && num_bytes > max_tile_bytes) break;
+    }
+    const std::vector<Status> more = tiles_.ReadFirst(tile, end);
+    read->insert(read->end(), more.begin(), more.end());
+    if (CancelRequested()) return {ErrorCode::kCancelled, "interrupted"};
   }
-  if (part.path.starts_with("images/")) return LoadImages(part, fd.get(), name);
-  const auto copy = CopyVerifiedPart(fd.get(), part, name);
+  Status status = (*read)[tile];
+  if (status.ok()) status = PlaceTile(static_cast<std::uint32_t>(tile));
+  if (status.ok() && max_tile_bytes > 0 && tiles_.num_loaded_bytes() > max_tile_bytes)
+    tiles_.Drop(tile);
+  return status;
+}
+
+Status MapBundle::LoadPart(const BundlePart& part, int fd, const std::string& name) {
+  if (part.path.starts_with("images/")) return LoadImages(part, fd, name);
+  const auto copy = CopyVerifiedPart(fd, part, name);
   if (!copy.ok()) return copy.status();
   // Parts of later minor versions are verified and left alone, whatever their format.
   if (part.path != "graph.h5" && part.path != "vocabulary.h5") return {};
@@ -202,8 +231,7 @@ Status MapBundle::LoadGraph(const Hdf5Reader& file) {
   return {};
 }
 
-Status MapBundle::PlaceTile() {
-  const auto tile_idx = static_cast<std::uint32_t>(tiles_.size() - 1);
+Status MapBundle::PlaceTile(std::uint32_t tile_idx) {
   const MapTile& tile = tiles_.Get(tile_idx);
   std::vector<std::uint32_t>& views = views_of_tile_.emplace_back();
   for (const std::uint32_t panorama : tile.panoramas()) {

@@ -116,15 +116,20 @@ class MapBundle {
 
  private:
   explicit MapBundle(Manifest manifest)
-      : manifest_(std::move(manifest)), frame_(manifest_.map_frame) {}
+      : manifest_(std::move(manifest)),
+        frame_(manifest_.map_frame),
+        tiles_([this](int fd, const std::string& name) { return ParseTile(fd, name); }) {}
   Status Load(const std::filesystem::path& folder, std::uint64_t max_tile_bytes);
-  Status LoadPart(const BundlePart& part, UniqueFd fd, const std::string& name);
+  Status LoadPart(const BundlePart& part, int fd, const std::string& name);
+  // The next tile in the order of parts. `read` are statuses of tiles that were read beside others.
+  Status LoadTile(std::uint64_t max_tile_bytes, std::vector<Status>* read);
+  [[nodiscard]] Result<MapTile> ParseTile(int fd, const std::string& name) const;
   Status LoadImages(const BundlePart& part, int fd, const std::string& name);
   Status LoadVocabulary(const Hdf5Reader& file);
   Status LoadGraph(const Hdf5Reader& file);
   Status LoadPanoramas(const Hdf5Reader& file);
   Status LoadStations(const Hdf5Reader& file);
-  Status PlaceTile();  // the last of tiles_
+  Status PlaceTile(std::uint32_t tile_idx);
   [[nodiscard]] std::size_t TileOf(std::uint32_t landmark_id) const;
 
   Manifest manifest_;

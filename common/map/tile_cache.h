@@ -9,6 +9,8 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "common/base/status.h"
 #include "common/io/unique_fd.h"
@@ -22,10 +24,15 @@ class TileCache {
   // Makes a tile of a verified file.
   using Parse = std::function<Result<MapTile>(int fd, const std::string& name)>;
 
-  // Reads one tile more from `fd`, which is kept: a file that is deleted later can be read on.
-  // kChecksumMismatch, and what `parse` says. Not thread-safe.
-  [[nodiscard]] Status Add(const BundlePart& part, UniqueFd fd, const std::string& name,
-                           const Parse& parse);
+  explicit TileCache(Parse parse) : parse_(std::move(parse)) {}
+
+  // One tile more, of the file behind `fd`, which is kept: a file that is deleted later can be read
+  // on. Nothing is read yet. Not thread-safe.
+  void Add(const BundlePart& part, UniqueFd fd, const std::string& name);
+  // Reads the tiles [begin, end) for the first time, TBB over them: kChecksumMismatch, and what
+  // `parse` says. Only then may they be asked for. One status a tile; those behind the first that
+  // failed, or after Ctrl-C, may not have been read.
+  [[nodiscard]] std::vector<Status> ReadFirst(std::size_t begin, std::size_t end);
 
   [[nodiscard]] std::size_t size() const { return entries_.size(); }
   // Reads it where it is not in memory. One that cannot be read any more, or has changed, counts as
@@ -57,11 +64,14 @@ class TileCache {
     mutable std::unique_ptr<const MapTile> tile;
     mutable std::atomic<const MapTile*> loaded{nullptr};
   };
+  // Asks the system to have the tile's file ready soon.
+  void Announce(std::size_t tile) const;
+  [[nodiscard]] Status ReadFirst(std::size_t tile);
   [[nodiscard]] Result<MapTile> Read(const Entry& entry) const;
   [[nodiscard]] const MapTile& Load(std::size_t tile) const;
 
   std::deque<Entry> entries_;
-  Parse parse_;
+  const Parse parse_;
   mutable std::atomic<std::uint64_t> num_loaded_bytes_{0};
   mutable std::atomic<std::int64_t> num_loads_{0}, num_failed_{0};
 };

@@ -48,6 +48,22 @@ TEST_F(BundleCorruption, FlippedBytesOfPartsAreFound) {
   EXPECT_TRUE(Open().ok());
 }
 
+// Tiles are read several at once.
+TEST_F(BundleCorruption, OfSeveralFaultsTheFirstInOrderIsTold) {
+  for (const char* tile : {"tiles/0.h5", "tiles/1.h5"}) {
+    std::string bytes = ReadText(root() / tile);
+    bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
+    WriteText(root() / tile, bytes);
+  }
+  for (const std::uint64_t max_tile_bytes : {0, 1}) {
+    for (int run = 0; run < 30; ++run) {
+      const Status status = MapBundle::Open(root(), {}, max_tile_bytes).status();
+      ASSERT_EQ(status.code(), ErrorCode::kChecksumMismatch);
+      ASSERT_NE(status.message().find("tiles/0.h5"), std::string::npos) << status.message();
+    }
+  }
+}
+
 TEST_F(BundleCorruption, EveryFlippedByteOfTheManifestIsFound) {
   const std::string good = ReadText(root() / kManifestName);
   // Bytes whose flip makes it a manifest for other releases, which is told first: the format's
