@@ -23,7 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Raised whenever equal inputs give another tile, or other similarity rows.
-constexpr int kLandmarksVersion = 1, kSimilarityVersion = 1;
+constexpr int kLandmarksVersion = 2, kSimilarityVersion = 1;
 
 // A tile's panoramas among those around it, placed, with what was made of each.
 struct TileRegion {
@@ -167,8 +167,7 @@ RefinedPose InWgs84(const MapFrame& frame, const MapPanorama& panorama,
   return refined;
 }
 
-TileReceipt MakeTile(const BuildContext& context, const Vocabulary& vocabulary, const TileRegion& t,
-                     const std::string& key) {
+TileReceipt MakeTile(const BuildContext& context, const TileRegion& t, const std::string& key) {
   const BuildOptions& o = context.plan.options;
   const LandmarkStageInput input{
       [&](std::size_t p) {
@@ -184,7 +183,7 @@ TileReceipt MakeTile(const BuildContext& context, const Vocabulary& vocabulary, 
   BundleTile tile = MakeLandmarkTile(input, t.begin, t.end, &panoramas, &refined);
   for (std::size_t p = t.begin; p < t.end; ++p) {
     for (const ViewWords& words : ReadWordsOf(context, t.words_keys[p]))
-      tile.bags.push_back(MakeBag(words, vocabulary, o.max_words));
+      tile.bags.push_back(MakeBag(words, t.content.vocabulary, o.max_words));
   }
   TileReceipt result;
   result.key = key;
@@ -232,13 +231,13 @@ UnitReport Landmarks(const BuildContext& context, const std::string& tile, Progr
                    t.region.shard.begin() + static_cast<std::ptrdiff_t>(t.end)},
                   &t);
     FileReceipt weighed;
-    const Vocabulary vocabulary = ReadBuildVocabulary(context, &weighed, &t.region.made_from);
+    t.content.vocabulary = ReadBuildVocabulary(context, &weighed, &t.region.made_from);
     const KeyParts key = TileKey(context, t, weighed.parts.at("file"));
     if (auto there = FindTile(context, key.Hex())) {
       receipt = std::move(*there);
     } else {
       const auto before = FindReceipt<TileReceipt>(context.work, Stage::kLandmarks, tile);
-      receipt = MakeTile(context, vocabulary, t, key.Hex());
+      receipt = MakeTile(context, t, key.Hex());
       report.AddRedone(tile, before ? &before->parts : nullptr, key.digests());
       report.num_bytes_written = receipt.tile.num_bytes + receipt.images.num_bytes;
       ThrowIfError(WriteFileAtomically(context.work.Content("tiles", key.Hex(), ".json"),

@@ -6,6 +6,7 @@
 
 #include "common/io/hdf5_file.h"
 #include "common/map/landmark_codes.h"
+#include "common/map/landmark_words.h"
 
 namespace panofix {
 namespace {
@@ -32,7 +33,8 @@ void WriteTree(Hdf5Writer* file, const std::string& group, const VocabularyTree&
 
 // Landmarks as columns, with those of each view.
 void WriteLandmarks(Hdf5Writer* file, const BundleTile& tile, std::size_t first_view,
-                    bool pack_descriptors) {
+                    const BundleContent& content) {
+  const bool pack = content.pack_descriptors;
   std::vector<float> points;
   std::vector<std::uint8_t> codes, descriptors;
   std::vector<std::vector<std::uint32_t>> of_view(tile.bags.size());
@@ -46,7 +48,7 @@ void WriteLandmarks(Hdf5Writer* file, const BundleTile& tile, std::size_t first_
          EncodeLength(double{landmark.size_m}), EncodeAngle(double{landmark.angle_deg}),
          landmark.surface_idx, landmark.num_panoramas});
     const std::size_t begin = descriptors.size();
-    if (pack_descriptors) {
+    if (pack) {
       descriptors.resize(begin + kPackedDescriptorSize);
       PackDescriptor(landmark.descriptor, &descriptors[begin]);
     } else {
@@ -61,8 +63,10 @@ void WriteLandmarks(Hdf5Writer* file, const BundleTile& tile, std::size_t first_
   }
   file->Write<float>("landmarks/points_in_pano", points, 3);
   file->Write<std::uint8_t>("landmarks/codes", codes, 6);
-  file->Write<std::uint8_t>("landmarks/descriptors", descriptors,
-                            pack_descriptors ? kPackedDescriptorSize : kDescriptorSize);
+  const int cols = pack ? kPackedDescriptorSize : kDescriptorSize;
+  file->Write<std::uint8_t>("landmarks/descriptors", descriptors, cols);
+  file->Write<std::uint32_t>("landmarks/words",
+                             WordsOfDescriptors(content.vocabulary.sift, descriptors, cols));
   file->Write<std::uint32_t>("views/landmark_offsets", offsets);
   file->Write<std::uint32_t>("views/landmarks", numbers);
 }
@@ -177,7 +181,7 @@ void WriteTile(const fs::path& path, const BundleContent& content, std::size_t b
   Hdf5Writer file(path);
   file.WriteStrings("panorama_ids", ids);
   WriteAnchors(&file, tile, content);
-  WriteLandmarks(&file, tile, first_view, content.pack_descriptors);
+  WriteLandmarks(&file, tile, first_view, content);
   WriteBags(&file, tile.bags);
   file.Close();
 }

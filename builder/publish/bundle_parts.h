@@ -36,7 +36,7 @@ struct BundleContent {
   std::vector<std::string> tile_of_panorama;  // quadkeys
   std::vector<MapStation> stations;           // by panorama, each panorama itself first
   std::vector<ViewDirection> directions;      // of every station's views
-  Vocabulary vocabulary;
+  Vocabulary vocabulary;       // as it comes back from its part: packing must not change a word
   SimilarityIndex similarity;  // a row a panorama's view, in view indices of the bundle
   bool pack_descriptors = true;
 };

@@ -1,5 +1,6 @@
 #include "builder/publish/bundle_writer.h"
 
+#include "builder/publish/staging.h"
 #include "common/base/cancel.h"
 #include "common/base/log.h"
 #include "common/io/atomic_file.h"
@@ -9,33 +10,6 @@ namespace panofix {
 namespace {
 
 namespace fs = std::filesystem;
-
-// "out/" names the folder "out": staging must lie beside it, not in it.
-fs::path WithoutTrailingSlash(const fs::path& path) {
-  return path.has_filename() ? path : path.parent_path();
-}
-
-// A folder that is removed unless it was published.
-class Staging {
- public:
-  explicit Staging(const fs::path& target)
-      : path_(WithoutTrailingSlash(target).string() + ".staging-" + UniqueWord()) {
-    std::error_code error;
-    fs::remove_all(path_, error);
-    if (!fs::create_directories(path_ / "tiles", error)) {
-      throw Error(ErrorCode::kIo, path_.string() + ": cannot be made (" + error.message() +
-                                      "); choose an --out folder you may write to");
-    }
-  }
-  ~Staging() {
-    std::error_code error;
-    fs::remove_all(path_, error);
-  }
-  [[nodiscard]] const fs::path& path() const { return path_; }
-
- private:
-  fs::path path_;
-};
 
 BundlePart Describe(const fs::path& root, const std::string& path) {
   ThrowIfError(SyncPath(root / path));
@@ -88,7 +62,7 @@ void CopyPart(const FinishedPart& finished, const fs::path& staged) {
 
 Manifest PublishParts(const fs::path& target, const Manifest& manifest,
                       const std::vector<FinishedPart>& parts) {
-  const Staging staging(target);
+  const StagingFolder staging(target);
   for (const FinishedPart& finished : parts) {
     if (CancelRequested())
       throw Error(ErrorCode::kCancelled, "stopped by the user; the next build resumes");

@@ -14,7 +14,7 @@ namespace panofix {
 
 // Version of the bundle format that this code writes; it reads the same major with any minor.
 inline constexpr int kBundleMajor = 2;
-inline constexpr int kBundleMinor = 1;
+inline constexpr int kBundleMinor = 2;
 inline constexpr char kManifestName[] = "manifest.json";
 inline constexpr char kManifestHashName[] = "manifest.json.sha256";
 inline constexpr char kManifestSignatureName[] = "manifest.json.minisig";

@@ -79,7 +79,7 @@ Status MapBundle::Load(const std::filesystem::path& folder, std::uint64_t max_ti
 Result<MapTile> MapBundle::ParseTile(int fd, const std::string& name) const {
   auto file = Hdf5Reader::Open(fd, name);
   if (!file.ok()) return file.status();
-  return MapTile::Load(*file, index_of_panorama_, vocabulary_.num_words());
+  return MapTile::Load(*file, index_of_panorama_, vocabulary_);
 }
 
 Status MapBundle::LoadTile(std::uint64_t max_tile_bytes, std::vector<Status>* read) {

@@ -1,6 +1,7 @@
 #include "common/map/map_tile.h"
 
 #include "common/map/landmark_codes.h"
+#include "common/map/landmark_words.h"
 #include "common/map/map_arrays.h"
 
 namespace panofix {
@@ -29,13 +30,14 @@ Status LookUp(const Hdf5Reader& file, const std::string& name,
 
 Result<MapTile> MapTile::Load(const Hdf5Reader& file,
                               const std::unordered_map<std::string, std::uint32_t>& panorama_idx,
-                              std::uint32_t num_words) {
+                              const Vocabulary& vocabulary) {
   MapTile tile;
   Status status = LookUp(file, "panorama_ids", panorama_idx, &tile.panoramas_);
   if (status.ok()) status = LookUp(file, "anchors/panorama_ids", panorama_idx, &tile.anchors_);
   if (status.ok()) status = tile.LoadLandmarks(file);
+  if (status.ok()) status = tile.LoadWords(file, vocabulary.sift.num_words);
   if (status.ok()) status = tile.LoadSurfaces(file);
-  if (status.ok()) status = tile.LoadBags(file, num_words);
+  if (status.ok()) status = tile.LoadBags(file, vocabulary.num_words());
   if (!status.ok()) return status;
   return tile;
 }
@@ -69,15 +71,23 @@ Status MapTile::LoadLandmarks(const Hdf5Reader& file) {
     return Bad("a view's landmarks lie outside the landmarks");
   }
   if (!AllFinite(points.values)) return Bad("landmarks are not finite");
-  anchor_of_.reserve(rows);
-  for (std::size_t a = 0; a < anchors_.size(); ++a) {
-    anchor_of_.resize(anchor_offsets.values[a + 1], anchors_[a]);
-  }
+  anchor_offsets_ = std::move(anchor_offsets);
   points_ = std::move(points);
   codes_ = std::move(codes);
   descriptors_ = std::move(descriptors);
   view_offsets_ = std::move(view_offsets);
   view_landmarks_ = std::move(view_landmarks);
+  return {};
+}
+
+// Older minor versions have none.
+Status MapTile::LoadWords(const Hdf5Reader& file, std::uint32_t num_sift_words) {
+  auto words = file.Read<std::uint32_t>("landmarks/words", 1);
+  if (words.status().code() == ErrorCode::kNotFound) return {};
+  if (!words.ok()) return words.status();
+  if (words->rows != points_.rows || !AllBelow(words->values, num_sift_words))
+    return Bad("words of landmarks disagree");
+  words_ = std::move(words).value();
   return {};
 }
 
@@ -123,7 +133,9 @@ MapLandmark MapTile::Landmark(std::size_t i) const {
   const float* point = &points_.values[3 * i];
   const std::uint8_t* code = &codes_.values[kNumCodes * i];
   MapLandmark landmark;
-  landmark.panorama_idx = anchor_of_[i];
+  const std::span<const std::uint32_t> offsets = anchor_offsets_.values;
+  const auto after = std::upper_bound(offsets.begin(), offsets.end(), i);
+  landmark.panorama_idx = anchors_[static_cast<std::size_t>(after - offsets.begin()) - 1];
   landmark.point_in_pano = Eigen::Vector3f(point).cast<double>();
   landmark.range_sigma_m = DecodeLength(code[kRangeSigma]);
   landmark.point_sigma_m = DecodeLength(code[kPointSigma]);
@@ -132,6 +144,14 @@ MapLandmark MapTile::Landmark(std::size_t i) const {
   landmark.surface_idx = code[kSurface];
   landmark.num_panoramas = std::max<int>(1, code[kNumPanoramas]);
   return landmark;
+}
+
+std::uint8_t MapTile::AngleCode(std::size_t i) const {
+  return codes_.values[kNumCodes * i + kAngle];
+}
+
+void MapTile::PrefetchDescriptor(std::size_t i) const {
+  __builtin_prefetch(&descriptors_.values[static_cast<std::size_t>(descriptors_.cols) * i]);
 }
 
 void MapTile::Descriptor(std::size_t i, std::uint8_t* descriptor) const {
@@ -144,8 +164,13 @@ void MapTile::Descriptor(std::size_t i, std::uint8_t* descriptor) const {
   }
 }
 
+std::vector<std::uint32_t> MapTile::DeriveWords(const VocabularyTree& sift) const {
+  return WordsOfDescriptors(sift, descriptors_.values, descriptors_.cols);
+}
+
 BagOfWords MapTile::Bag(std::size_t slot) const {
   BagOfWords bag;
+  bag.reserve(bag_offsets_.values[slot + 1] - bag_offsets_.values[slot]);
   double sum_sq = 0;
   for (std::uint32_t i = bag_offsets_.values[slot]; i < bag_offsets_.values[slot + 1]; ++i) {
     const auto weight = static_cast<float>(bag_weights_.values[i]);

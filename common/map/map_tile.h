@@ -40,7 +40,7 @@ class MapTile {
   // points outside its array.
   [[nodiscard]] static Result<MapTile> Load(
       const Hdf5Reader& file, const std::unordered_map<std::string, std::uint32_t>& panorama_idx,
-      std::uint32_t num_words);
+      const Vocabulary& vocabulary);
 
   // Stands for a tile that is lost: views without landmarks or words.
   [[nodiscard]] static MapTile Blank(std::size_t num_views);
@@ -58,21 +58,36 @@ class MapTile {
   // and zeros.
   [[nodiscard]] MapLandmark Landmark(std::size_t i) const;
   void Descriptor(std::size_t i, std::uint8_t* descriptor) const;  // 128 bytes
+  // Its orientation as it is stored; REQUIRES i < num_landmarks().
+  [[nodiscard]] std::uint8_t AngleCode(std::size_t i) const;
+  // Has the processor fetch what Descriptor will read; same REQUIRES.
+  void PrefetchDescriptor(std::size_t i) const;
+  // Panoramas that landmarks belong to; those of the a-th are [anchor_offsets()[a],
+  // anchor_offsets()[a + 1]). Without a landmark both may be empty.
+  [[nodiscard]] const std::vector<std::uint32_t>& anchors() const { return anchors_; }
+  [[nodiscard]] std::span<const std::uint32_t> anchor_offsets() const {
+    return anchor_offsets_.values;
+  }
+  // SIFT word of each landmark; empty where the bundle does not keep them (before format 2.2).
+  [[nodiscard]] std::span<const std::uint32_t> words() const { return words_.values; }
+  // The same from the descriptors, with the bundle's tree: costly.
+  [[nodiscard]] std::vector<std::uint32_t> DeriveWords(const VocabularyTree& sift) const;
   [[nodiscard]] BagOfWords Bag(std::size_t slot) const;
   // Surfaces of the panoramas that anchor landmarks here.
   [[nodiscard]] MapSurface Surface(std::uint32_t panorama_idx, int surface_idx) const;
 
  private:
   Status LoadLandmarks(const Hdf5Reader& file);
+  Status LoadWords(const Hdf5Reader& file, std::uint32_t num_sift_words);
   Status LoadBags(const Hdf5Reader& file, std::uint32_t num_words);
   Status LoadSurfaces(const Hdf5Reader& file);
 
   std::vector<std::uint32_t> panoramas_, anchors_;
-  std::vector<std::uint32_t> anchor_of_;  // of each landmark
   MappedArray<std::uint32_t> anchor_offsets_, view_offsets_, view_landmarks_;
   MappedArray<float> points_;
   MappedArray<std::uint8_t> codes_, descriptors_;  // codes: N x 6
   bool is_packed_ = true;
+  MappedArray<std::uint32_t> words_;
   MappedArray<std::uint32_t> bag_offsets_, bag_words_;
   MappedArray<std::uint8_t> bag_weights_;
   std::unordered_map<std::uint32_t, std::vector<MapSurface>> surfaces_;  // by anchor

@@ -47,6 +47,7 @@ Result<Vocabulary> ReadVocabulary(const Hdf5Reader& file) {
   vocabulary.idf.assign(idf.values.begin(), idf.values.end());
   status = vocabulary.Check();
   if (!status.ok()) return status;
+  if (vocabulary.sift.empty()) return Bad("a vocabulary without SIFT words");
   return vocabulary;
 }
 

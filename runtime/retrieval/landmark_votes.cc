@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <tuple>
+#include <utility>
 
 #include "common/features/matcher.h"
 #include "common/geometry/attitude.h"
+#include "common/map/landmark_codes.h"
 
 namespace panofix {
 
@@ -20,15 +22,19 @@ struct Vote {
 
 namespace {
 
-// Rows by key: offsets and values, values in ascending order of their number.
-void Invert(const std::vector<std::uint32_t>& key_of, std::size_t num_keys,
-            std::vector<std::uint32_t>* offsets, std::vector<std::uint32_t>* values) {
-  offsets->assign(num_keys + 1, 0);
-  for (const std::uint32_t key : key_of) ++(*offsets)[key + 1];
-  for (std::size_t k = 0; k < num_keys; ++k) (*offsets)[k + 1] += (*offsets)[k];
-  values->resize(key_of.size());
-  std::vector<std::uint32_t> next(offsets->begin(), offsets->end() - 1);
-  for (std::uint32_t i = 0; i < key_of.size(); ++i) (*values)[next[key_of[i]]++] = i;
+// The codes of orientations no further than `max_turn_deg` from `angle_deg`.
+Voters::Codes CodesWithin(double angle_deg, double max_turn_deg) {
+  const int nearest = EncodeAngle(angle_deg);
+  const auto is_within = [&](int code) {
+    const double turn_deg =
+        AngleDifferenceDeg(angle_deg, DecodeAngle(static_cast<std::uint8_t>(code & 255)));
+    return std::abs(turn_deg) <= max_turn_deg;
+  };
+  if (!is_within(nearest)) return {};
+  int below = 0, above = 0;
+  while (below < 255 && is_within(nearest - below - 1)) ++below;
+  while (below + above < 255 && is_within(nearest + above + 1)) ++above;
+  return {static_cast<std::uint8_t>((nearest - below) & 255), below + above + 1};
 }
 
 }  // namespace
@@ -39,64 +45,83 @@ Voters::Voters(const Vocabulary& vocabulary, const FeatureSet& sift_features,
     : sift(sift_features),
       bearings(keypoint_bearings),
       camera(frame_camera),
-      words(sift_features.size()) {
+      words(sift_features.size()),
+      angles(sift_features.size()) {
   tbb::parallel_for(std::size_t{0}, words.size(), [&](std::size_t k) {
     vocabulary.sift.QuantizeSoft(sift.descriptor(k).data(), options.num_words, &words[k]);
+    angles[k] = CodesWithin(double{sift.keypoints[k].angle_deg}, options.max_turn_deg);
   });
-}
-
-std::vector<std::uint32_t> WordsOfLandmarks(const MapBundle& bundle, std::size_t tile_idx) {
-  const MapTile& tile = bundle.tiles().Get(tile_idx);
-  std::vector<std::uint32_t> words(tile.num_landmarks());
-  tbb::parallel_for(std::size_t{0}, words.size(), [&](std::size_t i) {
-    std::uint8_t descriptor[kDescriptorSize];
-    tile.Descriptor(i, descriptor);
-    words[i] = bundle.vocabulary().sift.Quantize(descriptor);
-  });
-  return words;
 }
 
 TileVotes::TileVotes(const MapBundle& bundle, std::size_t tile_idx,
-                     const std::vector<std::uint32_t>& words, const LocalFrame& local,
+                     std::span<const std::uint32_t> words, const LocalFrame& local,
                      const VoteOptions& options)
     : bundle_(bundle), tile_(tile_idx), options_(options) {
   const MapTile& tile = bundle_.tiles().Get(tile_);
   // A tile that was lost since its words were taken has none.
   const std::size_t n = std::min(tile.num_landmarks(), words.size());
-  points_.resize(n), size_m_.resize(n), angle_deg_.resize(n);
-  std::uint32_t anchor = ~0U;  // landmarks of one anchor follow each other
-  Rigid3 local_from_anchor;
-  for (std::size_t i = 0; i < n; ++i) {
-    const MapLandmark landmark = tile.Landmark(i);
-    if (landmark.panorama_idx != anchor) {
-      anchor = landmark.panorama_idx;
-      local_from_anchor = local.LocalFromPano(bundle_.panoramas()[anchor]);
-    }
-    points_[i] = (local_from_anchor * landmark.point_in_pano).cast<float>();
-    size_m_[i] = static_cast<float>(landmark.size_m);
-    angle_deg_[i] = static_cast<float>(landmark.angle_deg);
+  AddWords(tile, words.first(n));
+  for (const std::uint32_t anchor : tile.anchors())
+    local_from_anchor_.push_back(local.LocalFromPano(bundle_.panoramas()[anchor]));
+  view_offsets_.assign(n + 1, 0);
+  AddViews(tile, local);
+}
+
+void TileVotes::AddWords(const MapTile& tile, std::span<const std::uint32_t> words) {
+  // Counting sort: words are many and their numbers few.
+  std::vector<std::uint32_t> next(bundle_.vocabulary().sift.num_words, 0);
+  for (const std::uint32_t word : words) ++next[word];
+  const auto num_rows = next.size() - static_cast<std::size_t>(
+                                          std::count(next.begin(), next.end(), std::uint32_t{0}));
+  // Two numbers a word that is there, or one for each.
+  const bool is_sparse = 2 * num_rows < next.size();
+  words_.reserve(is_sparse ? num_rows : 0);
+  word_offsets_.reserve((is_sparse ? num_rows : next.size()) + 1);
+  std::uint32_t begin = 0;
+  for (std::uint32_t word = 0; word < next.size(); ++word) {
+    const std::uint32_t count = std::exchange(next[word], begin);
+    if (is_sparse && count > 0) words_.push_back(word);
+    if (!is_sparse || count > 0) word_offsets_.push_back(begin);
+    begin += count;
   }
-  words_.assign(words.begin(), words.begin() + static_cast<std::ptrdiff_t>(n));
-  std::sort(words_.begin(), words_.end());
-  words_.erase(std::unique(words_.begin(), words_.end()), words_.end());
-  std::vector<std::uint32_t> row_of(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    row_of[i] = static_cast<std::uint32_t>(
-        std::lower_bound(words_.begin(), words_.end(), words[i]) - words_.begin());
+  word_offsets_.push_back(begin);
+  landmarks_of_word_.resize(words.size()), angles_.resize(words.size());
+  for (std::uint32_t i = 0; i < words.size(); ++i) {
+    const std::uint32_t at = next[words[i]]++;
+    landmarks_of_word_[at] = i;
+    angles_[at] = tile.AngleCode(i);
   }
-  Invert(row_of, words_.size(), &word_offsets_, &landmarks_of_word_);
-  std::vector<std::uint32_t> landmark_of, view_of;
-  for (std::uint32_t slot = 0; slot < tile.num_views(); ++slot) {
+}
+
+std::pair<std::uint32_t, std::uint32_t> TileVotes::RowsOf(std::uint32_t word) const {
+  std::size_t row = word;
+  if (!words_.empty()) {
+    const auto found = std::lower_bound(words_.begin(), words_.end(), word);
+    if (found == words_.end() || *found != word) return {0, 0};
+    row = static_cast<std::size_t>(found - words_.begin());
+  }
+  if (row + 1 >= word_offsets_.size()) return {0, 0};
+  return {word_offsets_[row], word_offsets_[row + 1]};
+}
+
+void TileVotes::AddViews(const MapTile& tile, const LocalFrame& local) {
+  const auto num_views = static_cast<std::uint32_t>(tile.num_views());
+  norm_.reserve(num_views), poses_.reserve(num_views);
+  std::size_t num_entries = 0;
+  for (std::uint32_t slot = 0; slot < num_views; ++slot) {
     const std::span<const std::uint32_t> list = tile.LandmarksOf(slot);
-    landmark_of.insert(landmark_of.end(), list.begin(), list.end());
-    view_of.resize(landmark_of.size(), slot);
+    for (const std::uint32_t landmark : list) ++view_offsets_[landmark + 1];
+    num_entries += list.size();
     norm_.push_back(1 / std::sqrt(50.0F + static_cast<float>(list.size())));
     AddView(bundle_.ViewsOfTile(tile_)[slot], local);
   }
-  std::vector<std::uint32_t> entries;
-  Invert(landmark_of, n, &view_offsets_, &entries);
-  views_of_landmark_.reserve(entries.size());
-  for (const std::uint32_t entry : entries) views_of_landmark_.push_back(view_of[entry]);
+  for (std::size_t i = 1; i < view_offsets_.size(); ++i) view_offsets_[i] += view_offsets_[i - 1];
+  views_of_landmark_.resize(num_entries);
+  std::vector<std::uint32_t> next(view_offsets_.begin(), view_offsets_.end() - 1);
+  for (std::uint32_t slot = 0; slot < num_views; ++slot) {
+    for (const std::uint32_t landmark : tile.LandmarksOf(slot))
+      views_of_landmark_[next[landmark]++] = slot;
+  }
 }
 
 void TileVotes::AddView(std::uint32_t view_idx, const LocalFrame& local) {
@@ -109,56 +134,60 @@ void TileVotes::AddView(std::uint32_t view_idx, const LocalFrame& local) {
   poses_.push_back({local_from_cam.transpose().cast<float>(), centre.cast<float>()});
 }
 
-void TileVotes::VoteFor(const Voters& voters, std::size_t keypoint_idx, std::uint32_t landmark,
-                        float weight, const std::vector<char>& wanted,
-                        std::vector<Vote>* votes) const {
+void TileVotes::VoteFor(const MapTile& tile, const Voters& voters, std::size_t keypoint_idx,
+                        double across_rad, double up_rad, std::uint32_t landmark_idx, float weight,
+                        const std::vector<char>& wanted, std::vector<Vote>* votes) const {
   const Keypoint& keypoint = voters.sift.keypoints[keypoint_idx];
-  const Eigen::Vector2d& bearing = voters.bearings[keypoint_idx];
   const std::vector<std::uint32_t>& views = bundle_.ViewsOfTile(tile_);
-  for (std::uint32_t i = view_offsets_[landmark]; i < view_offsets_[landmark + 1]; ++i) {
+  const MapLandmark landmark = tile.Landmark(landmark_idx);
+  const auto anchor =
+      std::upper_bound(tile.anchor_offsets().begin(), tile.anchor_offsets().end(), landmark_idx) -
+      tile.anchor_offsets().begin() - 1;
+  const Eigen::Vector3f point =
+      (local_from_anchor_[static_cast<std::size_t>(anchor)] * landmark.point_in_pano).cast<float>();
+  const double size_m = double{static_cast<float>(landmark.size_m)};
+  for (std::uint32_t i = view_offsets_[landmark_idx]; i < view_offsets_[landmark_idx + 1]; ++i) {
     const std::uint32_t view = views_of_landmark_[i];
     if (!wanted.empty() && wanted[views[view]] == 0) continue;
     const ViewPose& pose = poses_[view];
-    const Eigen::Vector3f x = pose.cam_from_map * (points_[landmark] - pose.centre);
+    const Eigen::Vector3f x = pose.cam_from_map * (point - pose.centre);
     if (x.z() < 0.3F) continue;
-    const double across_deg =
-        (std::atan(bearing.x()) - std::atan2(double{x.x()}, double{x.z()})) / kRadPerDeg;
-    const double up_deg =
-        (std::atan(bearing.y()) - std::atan2(double{x.y()}, double{x.z()})) / kRadPerDeg;
-    const double ratio = double{keypoint.size_px} * double{x.norm()} /
-                         (double{size_m_[landmark]} * voters.camera.fx_px);
-    if (std::abs(across_deg) > options_.max_across_deg || std::abs(up_deg) > options_.max_up_deg ||
-        ratio > options_.max_size_ratio || ratio * options_.max_size_ratio < 1) {
-      continue;
-    }
+    const double ratio =
+        double{keypoint.size_px} * double{x.norm()} / (size_m * voters.camera.fx_px);
+    if (ratio > options_.max_size_ratio || ratio * options_.max_size_ratio < 1) continue;
+    const double up_deg = (up_rad - std::atan2(double{x.y()}, double{x.z()})) / kRadPerDeg;
+    if (std::abs(up_deg) > options_.max_up_deg) continue;
+    const double across_deg = (across_rad - std::atan2(double{x.x()}, double{x.z()})) / kRadPerDeg;
+    if (std::abs(across_deg) > options_.max_across_deg) continue;
     votes->push_back({view, static_cast<std::int32_t>(std::floor(across_deg / options_.bin_deg)),
                       weight * norm_[view]});
   }
 }
 
 template <typename Visit>
-void TileVotes::ForEachAlike(const Voters& voters, std::size_t keypoint, const Visit& visit) const {
+void TileVotes::ForEachAlike(const MapTile& tile, const Voters& voters, std::size_t keypoint,
+                             const Visit& visit) const {
   const double limit_sq = options_.max_descriptor_distance * options_.max_descriptor_distance;
   const double sigma = options_.descriptor_sigma;
   const std::uint8_t* descriptor = voters.sift.descriptor(keypoint).data();
-  const double angle_deg = double{voters.sift.keypoints[keypoint].angle_deg};
-  const std::uint32_t first_id = bundle_.first_landmark(tile_);
-  std::uint8_t other[kDescriptorSize];
+  const Voters::Codes angles = voters.angles[keypoint];
+  // In two steps: descriptors lie anywhere in the tile and are on their way by the second.
+  thread_local std::vector<std::uint32_t> candidates;
+  candidates.clear();
   for (const std::uint32_t word : voters.words[keypoint]) {
-    const auto found = std::lower_bound(words_.begin(), words_.end(), word);
-    if (found == words_.end() || *found != word) continue;
-    const auto row = static_cast<std::size_t>(found - words_.begin());
-    for (std::uint32_t i = word_offsets_[row]; i < word_offsets_[row + 1]; ++i) {
-      const std::uint32_t landmark = landmarks_of_word_[i];
-      if (std::abs(AngleDifferenceDeg(angle_deg, double{angle_deg_[landmark]})) >
-          options_.max_turn_deg) {
-        continue;
-      }
-      bundle_.Descriptor(first_id + landmark, other);
-      const int distance_sq = DescriptorDistanceSq(descriptor, other);
-      if (distance_sq <= limit_sq)
-        visit(landmark, static_cast<float>(std::exp(-distance_sq / (2 * sigma * sigma))));
+    const auto [begin, end] = RowsOf(word);
+    for (std::uint32_t i = begin; i < end; ++i) {
+      if (static_cast<std::uint8_t>(angles_[i] - angles.first) >= angles.count) continue;
+      candidates.push_back(landmarks_of_word_[i]);
+      tile.PrefetchDescriptor(candidates.back());
     }
+  }
+  std::uint8_t other[kDescriptorSize];
+  for (const std::uint32_t landmark : candidates) {
+    tile.Descriptor(landmark, other);
+    const int distance_sq = DescriptorDistanceSq(descriptor, other);
+    if (distance_sq <= limit_sq)
+      visit(landmark, static_cast<float>(std::exp(-distance_sq / (2 * sigma * sigma))));
   }
 }
 
@@ -188,10 +217,14 @@ std::vector<float> TileVotes::Count(std::vector<std::vector<Vote>> votes) const 
 
 void TileVotes::Score(const Voters& voters, const std::vector<char>& wanted,
                       std::vector<float>* scores) const {
+  const MapTile& tile = bundle_.tiles().Get(tile_);
+  if (tile.num_landmarks() + 1 < view_offsets_.size()) return;  // lost since
   std::vector<std::vector<Vote>> votes(voters.sift.size());
   tbb::parallel_for(std::size_t{0}, voters.sift.size(), [&](std::size_t k) {
-    ForEachAlike(voters, k, [&](std::uint32_t landmark, float weight) {
-      VoteFor(voters, k, landmark, weight, wanted, &votes[k]);
+    const double across_rad = std::atan(voters.bearings[k].x()),
+                 up_rad = std::atan(voters.bearings[k].y());
+    ForEachAlike(tile, voters, k, [&](std::uint32_t landmark, float weight) {
+      VoteFor(tile, voters, k, across_rad, up_rad, landmark, weight, wanted, &votes[k]);
     });
   });
   const std::vector<float> of_slot = Count(std::move(votes));
@@ -201,9 +234,9 @@ void TileVotes::Score(const Voters& voters, const std::vector<char>& wanted,
 
 std::size_t TileVotes::num_bytes() const {
   return 4 * (words_.capacity() + word_offsets_.capacity() + landmarks_of_word_.capacity() +
-              view_offsets_.capacity() + views_of_landmark_.capacity() + 3 * points_.capacity() +
-              size_m_.capacity() + angle_deg_.capacity() + norm_.capacity()) +
-         sizeof(ViewPose) * poses_.capacity();
+              view_offsets_.capacity() + views_of_landmark_.capacity() + norm_.capacity()) +
+         angles_.capacity() + sizeof(ViewPose) * poses_.capacity() +
+         sizeof(Rigid3) * local_from_anchor_.capacity();
 }
 
 }  // namespace panofix

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "common/camera/camera.h"
@@ -35,19 +36,22 @@ struct Voters {
   std::span<const Eigen::Vector2d> bearings;
   const Camera& camera;                           // took the frame
   std::vector<std::vector<std::uint32_t>> words;  // nearest ones of each keypoint
+  // Codes of the orientations (schemas/bundle.md) that each may have in the map: `count` from
+  // `first` on, 0 after 255.
+  struct Codes {
+    std::uint8_t first = 0;
+    int count = 0;
+  };
+  std::vector<Codes> angles;
 };
-
-// Visual words of a tile's landmarks: the costly part of TileVotes.
-[[nodiscard]] std::vector<std::uint32_t> WordsOfLandmarks(const MapBundle& bundle,
-                                                          std::size_t tile);
 
 // The landmarks of one tile. Words (Sivic and Zisserman, ICCV 2003) find them, descriptors and weak
 // geometry (Jegou, Douze and Schmid, ECCV 2008) weigh them. Immutable, thread-safe.
 class TileVotes {
  public:
-  // `words` as WordsOfLandmarks; `local` is any frame near the map. The bundle outlives it, and its
-  // tile is asked for with every score.
-  TileVotes(const MapBundle& bundle, std::size_t tile, const std::vector<std::uint32_t>& words,
+  // `words` of the tile's landmarks, stored or derived (MapTile); `local` is any frame near the
+  // map. The bundle outlives it, and its tile is asked for with every score.
+  TileVotes(const MapBundle& bundle, std::size_t tile, std::span<const std::uint32_t> words,
             const LocalFrame& local, const VoteOptions& options);
   // Votes for each view of the tile, 0 and up, into `scores` (of all views); only for views with
   // `wanted` set where it is not empty.
@@ -58,24 +62,32 @@ class TileVotes {
  private:
   // Calls visit(landmark, weight) for the landmarks that look like a keypoint.
   template <typename Visit>
-  void ForEachAlike(const Voters& voters, std::size_t keypoint, const Visit& visit) const;
+  void ForEachAlike(const MapTile& tile, const Voters& voters, std::size_t keypoint,
+                    const Visit& visit) const;
   [[nodiscard]] std::vector<float> Count(std::vector<std::vector<struct Vote>> votes) const;
   struct ViewPose {
     Eigen::Matrix3f cam_from_map;  // directions; the map's point scale does not matter to angles
     Eigen::Vector3f centre;        // metres from the origin
   };
+  void AddWords(const MapTile& tile, std::span<const std::uint32_t> words);
+  void AddViews(const MapTile& tile, const LocalFrame& local);
   void AddView(std::uint32_t view_idx, const LocalFrame& local);
-  void VoteFor(const Voters& voters, std::size_t keypoint, std::uint32_t landmark, float weight,
-               const std::vector<char>& wanted, std::vector<struct Vote>* votes) const;
+  // Rows of `landmarks_of_word_`: first and behind the last.
+  [[nodiscard]] std::pair<std::uint32_t, std::uint32_t> RowsOf(std::uint32_t word) const;
+  // `across_rad` and `up_rad` are the angles of the keypoint's ray.
+  void VoteFor(const MapTile& tile, const Voters& voters, std::size_t keypoint, double across_rad,
+               double up_rad, std::uint32_t landmark, float weight, const std::vector<char>& wanted,
+               std::vector<struct Vote>* votes) const;
 
   const MapBundle& bundle_;
   const std::size_t tile_;
   VoteOptions options_;
   // Landmarks and views count within the tile.
-  std::vector<std::uint32_t> words_, word_offsets_, landmarks_of_word_;  // words ascending
+  // Words ascending; none where most are there: then each word has its row.
+  std::vector<std::uint32_t> words_, word_offsets_, landmarks_of_word_;
+  std::vector<std::uint8_t> angles_;  // codes, in the order of landmarks_of_word_
   std::vector<std::uint32_t> view_offsets_, views_of_landmark_;
-  std::vector<Eigen::Vector3f> points_;  // of landmarks, metres from the origin
-  std::vector<float> size_m_, angle_deg_;
+  std::vector<Rigid3> local_from_anchor_;
   std::vector<ViewPose> poses_;
   std::vector<float> norm_;  // of each view: views with many landmarks gather more by chance
 };

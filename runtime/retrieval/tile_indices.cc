@@ -1,5 +1,7 @@
 #include "runtime/retrieval/tile_indices.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <limits>
 
@@ -34,12 +36,20 @@ TileIndices::TileIndices(std::shared_ptr<const MapBundle> bundle, bool use_landm
     slots_[bundle_->TileOfView(v)].extent_in_map.extend(
         panorama.map_from_pano.translation.head<2>().eval());
   }
-  for (std::size_t tile = 0; tile < slots_.size() && !CancelRequested(); ++tile) {
+  const auto derive = [&](std::size_t tile) {
+    if (!CancelRequested()) static_cast<void>(Of(tile));
+  };
+  if (max_memory_bytes_ == 0) {
+    tbb::parallel_for(std::size_t{0}, slots_.size(), derive);
+    return;
+  }
+  // One by one: what is there at once is what the bound is for.
+  for (std::size_t tile = 0; tile < slots_.size(); ++tile) {
     slots_[tile].distance_m = static_cast<double>(tile);  // until there is a way
-    static_cast<void>(Of(tile));
+    derive(tile);
     Trim();
   }
-  if (max_memory_bytes_ > 0) loader_ = std::thread([this] { LoadAhead(); });
+  loader_ = std::thread([this] { LoadAhead(); });
 }
 
 TileIndices::~TileIndices() {
@@ -57,9 +67,13 @@ std::shared_ptr<const TileIndex> TileIndices::Derive(std::size_t tile_idx) {
   for (std::size_t slot = 0; slot < tile.num_views(); ++slot) bags.push_back(tile.Bag(slot));
   auto index = std::make_shared<TileIndex>(TileIndex{InvertedIndex(bags), {}});
   if (!use_landmarks_) return index;
-  // Nobody else writes them while the slot is busy.
-  std::vector<std::uint32_t>& words = slots_[tile_idx].words;
-  if (words.empty()) words = WordsOfLandmarks(*bundle_, tile_idx);
+  std::span<const std::uint32_t> words = tile.words();
+  if (words.empty()) {
+    // Nobody else writes them while the slot is busy.
+    std::vector<std::uint32_t>& derived = slots_[tile_idx].words;
+    if (derived.empty()) derived = tile.DeriveWords(bundle_->vocabulary().sift);
+    words = derived;
+  }
   index->votes.emplace(*bundle_, tile_idx, words, local_, VoteOptions{});
   return index;
 }

@@ -61,7 +61,8 @@ class TileIndices {
   struct Slot {
     State state = State::kAbsent;
     std::shared_ptr<const TileIndex> index;
-    std::vector<std::uint32_t> words;  // of its landmarks; kept, being costly
+    // Of its landmarks, where the bundle does not keep them; stay, being costly.
+    std::vector<std::uint32_t> words;
     Eigen::AlignedBox2d extent_in_map;
     double distance_m = 0;        // from the way
     std::uint64_t num_bytes = 0;  // with its index, when it was last there

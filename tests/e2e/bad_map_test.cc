@@ -81,7 +81,7 @@ TEST_F(BadBundle, AnOlderMajorVersionMustBeBuiltAgain) {
 }
 
 TEST_F(BadBundle, ANewerMinorVersionIsRead) {
-  ReplaceInFile(bundle_ / "manifest.json", "\"minor\": 1", "\"minor\": 7");
+  ReplaceInFile(bundle_ / "manifest.json", "\"minor\": 2", "\"minor\": 7");
   Rehash();
   EXPECT_EQ(Builder({"inspect", bundle_.string()}).exit_code, 0);
 }

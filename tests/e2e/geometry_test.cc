@@ -226,5 +226,16 @@ TEST_F(Geometry, LandmarksLieOnTheTownInTheirViews) {
   EXPECT_GT(static_cast<double>(num_exact), kShareAtKeypoints * static_cast<double>(num_points));
 }
 
+TEST_F(Geometry, LandmarksHaveTheWordsOfTheirDescriptors) {
+  const auto bundle = Open();
+  for (std::size_t t = 0; t < bundle->tiles().size(); ++t) {
+    const MapTile& tile = bundle->tiles().Get(t);
+    ASSERT_GT(tile.num_landmarks(), 100U);
+    const std::vector<std::uint32_t> derived = tile.DeriveWords(bundle->vocabulary().sift);
+    EXPECT_TRUE(
+        std::equal(derived.begin(), derived.end(), tile.words().begin(), tile.words().end()));
+  }
+}
+
 }  // namespace
 }  // namespace panofix::e2e

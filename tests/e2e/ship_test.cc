@@ -154,7 +154,7 @@ TEST_F(Ship, AnOldFormatIsMigratedSignedAnewAndVerified) {
   const Outcome verified =
       Runtime({"verify", migrated, "--trusted-key", Path("map.pub"), "--json"});
   ExpectDone(verified);
-  EXPECT_EQ(Json::parse(verified.output)["manifest"]["format"]["minor"], 1);
+  EXPECT_EQ(Json::parse(verified.output)["manifest"]["format"]["minor"], 2);
   EXPECT_EQ(Json::parse(verified.output)["manifest"]["build"], 8);
   const Outcome refused = Builder({"migrate", golden / "bundle-1.0", "--out", Path("migrated-1")});
   EXPECT_EQ(refused.exit_code, 76);

@@ -10,6 +10,7 @@
 #include "builder/publish/bundle_parts.h"
 #include "builder/publish/bundle_writer.h"
 #include "common/io/sha256.h"
+#include "common/map/vocabulary_file.h"
 #include "tests/common/io/temp_folder.h"
 #include "tests/common/vocabulary/make_tree.h"
 
@@ -109,6 +110,9 @@ class WrittenParts {
       WriteVocabulary(path, content.vocabulary, content.pack_descriptors);
     });
     manifest.vocabulary_release = "sha256:" + manifest.parts.back().sha256;
+    // As the stages have it: from its file.
+    const auto file = ValueOrThrow(Hdf5Reader::Open(folder_ / "vocabulary.h5"));
+    content.vocabulary = ValueOrThrow(ReadVocabulary(file));
     for (std::size_t begin = 0; begin < content.panoramas.size();) {
       std::size_t end = begin;
       const std::string& tile = content.tile_of_panorama[begin];

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "common/map/landmark_codes.h"
 #include "tests/builder/publish/bundle_content.h"
@@ -69,6 +70,31 @@ TEST(BundleParts, TilesOpenAsTheyWereWritten) {
       first_id += static_cast<std::uint32_t>(written.landmarks.size());
     }
     EXPECT_EQ(bundle.num_landmarks(), first_id);
+  }
+}
+
+// A reader that derives them must find the same: from descriptors and centroids as stored.
+TEST(BundleParts, WordsOfLandmarksAreThoseOfTheStoredDescriptors) {
+  for (const bool is_packed : {true, false}) {
+    const TempFolder folder;
+    BundleContent content = Content();
+    content.pack_descriptors = is_packed;
+    (void)Publish(folder / "b", content, GivenTile);
+    const auto opened = MapBundle::Open(folder / "b");
+    ASSERT_TRUE(opened.ok()) << opened.status().message();
+    const MapBundle& bundle = **opened;
+    std::set<std::uint32_t> different;
+    for (std::size_t t = 0; t < bundle.tiles().size(); ++t) {
+      const MapTile& tile = bundle.tiles().Get(t);
+      ASSERT_EQ(tile.words().size(), tile.num_landmarks());
+      for (std::size_t i = 0; i < tile.num_landmarks(); ++i) {
+        std::array<std::uint8_t, kDescriptorSize> descriptor;
+        tile.Descriptor(i, descriptor.data());
+        EXPECT_EQ(tile.words()[i], bundle.vocabulary().sift.Quantize(descriptor.data()));
+        different.insert(tile.words()[i]);
+      }
+    }
+    EXPECT_GT(different.size(), 4U);
   }
 }
 

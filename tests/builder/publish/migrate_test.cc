@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
+#include <span>
 
+#include "common/io/hdf5_file.h"
 #include "common/map/map_bundle.h"
 #include "tests/common/io/temp_folder.h"
 #include "tests/common/map/crafted_bundle.h"
@@ -48,24 +50,64 @@ class Migrate : public testing::Test {
   const fs::path out_ = folder_ / "new";
 };
 
-TEST_F(Migrate, TwoZeroBecomesTwoOneWithTheSameParts) {
+// Every array of a tile of 2.1 as its bytes.
+std::vector<std::string> ArraysOf(const fs::path& tile) {
+  const Hdf5Reader file = ValueOrThrow(Hdf5Reader::Open(tile));
+  std::vector<std::string> arrays;
+  const auto add = [&]<typename T>(T /*type*/, const std::string& name) {
+    const auto array = ValueOrThrow(file.Read<T>(name, -1));
+    const auto bytes = std::as_bytes(array.values);
+    arrays.push_back(name + " " + std::to_string(array.rows) + "x" + std::to_string(array.cols) +
+                     " " + std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+  };
+  for (const char* name : {"panorama_ids", "anchors/panorama_ids", "landmarks/codes",
+                           "landmarks/descriptors", "bags/weights"})
+    add(std::uint8_t{}, name);
+  for (const char* name :
+       {"anchors/landmark_offsets", "anchors/plane_offsets", "views/landmark_offsets",
+        "views/landmarks", "bags/offsets", "bags/words"})
+    add(std::uint32_t{}, name);
+  for (const char* name : {"anchors/planes", "landmarks/points_in_pano"}) add(float{}, name);
+  return arrays;
+}
+
+TEST_F(Migrate, TwoZeroBecomesTwoTwoWithTheSameArrays) {
   const fs::path old = Copy("bundle-2.0");
   WriteText(old / kManifestSignatureName, "whatever it was");
   const Manifest manifest = MigrateBundle(old, out_, {});
   const auto bundle = MapBundle::Open(out_);
   ASSERT_TRUE(bundle.ok()) << bundle.status().message();
-  EXPECT_EQ((*bundle)->manifest().minor, 1);
+  EXPECT_EQ((*bundle)->manifest().minor, 2);
   EXPECT_EQ((*bundle)->manifest().build, 7);
   EXPECT_EQ((*bundle)->num_landmarks(), MapBundle::Open(old).value()->num_landmarks());
   EXPECT_FALSE(fs::exists(out_ / kManifestSignatureName)) << "an old signature is of another map";
-  for (const BundlePart& part : manifest.parts)
-    EXPECT_TRUE(ReadText(old / part.path) == ReadText(out_ / part.path)) << part.path;
-  // The manifest is the one that the release with 2.1 wrote, but for what the builds made anew.
-  Json expected = ReadManifest(kGolden / "bundle-2.1");
-  const Json before = ReadManifest(old);
-  expected["provenance"]["data_set_sha256"] = before["provenance"]["data_set_sha256"];
-  expected["parts"] = before["parts"];
-  EXPECT_EQ(ReadText(out_ / kManifestName), expected.dump(1) + "\n");
+  ASSERT_EQ(manifest.parts.size(), 3U);
+  for (const BundlePart& part : manifest.parts) {
+    const bool is_tile = part.path.starts_with("tiles/");
+    EXPECT_NE(is_tile, ReadText(old / part.path) == ReadText(out_ / part.path)) << part.path;
+    if (is_tile) {
+      EXPECT_TRUE(ArraysOf(old / part.path) == ArraysOf(out_ / part.path));
+    }
+  }
+  // The golden bundle of 2.2 was built from the panoramas of that of 2.0.
+  EXPECT_EQ(ReadText(out_ / kManifestName), ReadText(kGolden / "bundle-2.2" / kManifestName));
+}
+
+TEST_F(Migrate, TwoOneGetsTheWordsOfItsLandmarks) {
+  const fs::path old = Copy("bundle-2.1");
+  (void)MigrateBundle(old, out_, {});
+  const auto bundle = MapBundle::Open(out_);
+  ASSERT_TRUE(bundle.ok()) << bundle.status().message();
+  EXPECT_EQ((*bundle)->manifest().minor, 2);
+  EXPECT_EQ((*bundle)->manifest().vocabulary_release,
+            ReadManifest(old)["vocabulary_release"].get<std::string>());
+  const MapTile& tile = (*bundle)->tiles().Get(0);
+  ASSERT_EQ(tile.words().size(), tile.num_landmarks());
+  for (std::size_t i = 0; i < tile.num_landmarks(); ++i) {
+    std::uint8_t descriptor[kDescriptorSize];
+    tile.Descriptor(i, descriptor);
+    EXPECT_EQ(tile.words()[i], (*bundle)->vocabulary().sift.Quantize(descriptor)) << i;
+  }
 }
 
 TEST_F(Migrate, SameBytesTwiceAndANumberOfItsOwnWhereAsked) {
@@ -82,11 +124,11 @@ TEST_F(Migrate, FormatOneIsBuiltAgain) {
 }
 
 TEST_F(Migrate, TheCurrentFormatNeedsNone) {
-  ExpectRefused(Copy("bundle-2.1"), ErrorCode::kInvalidArgument, "nothing to migrate");
+  ExpectRefused(Copy("bundle-2.2"), ErrorCode::kInvalidArgument, "nothing to migrate");
 }
 
 TEST_F(Migrate, NewerFormatsDoNotGoBack) {
-  const fs::path old = Copy("bundle-2.1");
+  const fs::path old = Copy("bundle-2.2");
   ChangeFormat(old, "minor", kBundleMinor + 1);
   ExpectRefused(old, ErrorCode::kUnsupportedVersion, "nothing leads back");
   ChangeFormat(old, "major", kBundleMajor + 1);
@@ -105,12 +147,17 @@ TEST_F(Migrate, WhatIsThereIsNotReplaced) {
 
 TEST_F(Migrate, ADamagedPartIsNotCarriedOver) {
   const fs::path old = Copy("bundle-2.0");
-  std::string graph = ReadText(old / "graph.h5");
-  graph[graph.size() / 2] = static_cast<char>(graph[graph.size() / 2] ^ 1);
-  WriteText(old / "graph.h5", graph);
-  ExpectRefused(old, ErrorCode::kChecksumMismatch, "graph.h5");
-  fs::remove(old / "graph.h5");
-  ExpectRefused(old, ErrorCode::kIo, "graph.h5");
+  // The tile is read, the graph moved.
+  for (const char* part : {"tiles/12022001102001020.h5", "graph.h5"}) {
+    std::string bytes = ReadText(old / part);
+    bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
+    WriteText(old / part, bytes);
+    ExpectRefused(old, ErrorCode::kChecksumMismatch, part);
+    WriteText(old / part, ReadText(kGolden / "bundle-2.0" / part));
+    fs::remove(old / part);
+    ExpectRefused(old, part[0] == 't' ? ErrorCode::kNotFound : ErrorCode::kIo, part);
+    fs::copy_file(kGolden / "bundle-2.0" / part, old / part);
+  }
 }
 
 TEST_F(Migrate, ABundleWithoutAVocabularyIsNone) {

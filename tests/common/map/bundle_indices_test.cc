@@ -1,8 +1,10 @@
 // Bundles with right hashes and wrong content: no index may reach outside its array.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 #include <limits>
+#include <span>
 
 #include "common/map/landmark_codes.h"
 #include "common/map/map_bundle.h"
@@ -118,6 +120,14 @@ TEST(BundleIndices, Similarity) {
 
 TEST(BundleIndices, VocabularyTrees) {
   ExpectBadData({
+      {"no SIFT words",
+       [](CraftedBundle* b) {
+         b->vocabulary.sift = {};
+         b->vocabulary.idf.resize(2);
+         for (CraftedTile& tile : b->tiles) {
+           for (std::uint32_t& word : tile.words) word = 0;
+         }
+       }},
       {"child outside", [](CraftedBundle* b) { b->vocabulary.sift.first_child[0] = 6; }},
       {"loop", [](CraftedBundle* b) { b->vocabulary.sift.first_child[1] = 1; }},
       {"word outside", [](CraftedBundle* b) { b->vocabulary.mser.word[2] = 2; }},
@@ -189,6 +199,32 @@ TEST(BundleIndices, Landmarks) {
        }},
       {"point not finite", [](CraftedBundle* b) { b->tiles[0].points[1] = kNanF; }},
       {"point infinite", [](CraftedBundle* b) { b->tiles[1].points[14] = kInfF; }},
+  });
+}
+
+TEST(BundleIndices, WordsOfLandmarks) {
+  const auto with = [](const std::function<void(std::vector<std::uint32_t>*)>& change) {
+    return [change](CraftedBundle* b) {
+      b->AddWords();
+      change(&*b->tiles[0].landmark_words);
+    };
+  };
+  const TempFolder folder;
+  CraftedBundle good = SmallBundle();
+  with([](auto*) {})(&good);
+  good.Write(folder / "b");
+  const auto opened = MapBundle::Open(folder / "b");
+  ASSERT_TRUE(opened.ok()) << opened.status().message();
+  const std::span<const std::uint32_t> words = (*opened)->tiles().Get(0).words();
+  EXPECT_TRUE(std::equal(words.begin(), words.end(), good.tiles[0].landmark_words->begin(),
+                         good.tiles[0].landmark_words->end()));
+  ExpectBadData({
+      {"word of MSER", with([](auto* w) { (*w)[1] = 4; })},
+      {"word outside", with([](auto* w) { w->back() = 6; })},
+      {"word far outside", with([](auto* w) { (*w)[0] = ~0U; })},
+      {"words cut", with([](auto* w) { w->pop_back(); })},
+      {"words too many", with([](auto* w) { w->push_back(0); })},
+      {"words gone", with([](auto* w) { w->clear(); })},
   });
 }
 

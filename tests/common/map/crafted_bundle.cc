@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "common/io/atomic_file.h"
@@ -63,6 +64,7 @@ void WriteTile(const CraftedTile& tile, const fs::path& path) {
   file.Write<float>("landmarks/points_in_pano", tile.points, 3);
   file.Write<std::uint8_t>("landmarks/codes", tile.codes, tile.code_cols);
   file.Write<std::uint8_t>("landmarks/descriptors", tile.descriptors, tile.descriptor_cols);
+  if (tile.landmark_words) file.Write<std::uint32_t>("landmarks/words", *tile.landmark_words);
   file.Write<std::uint32_t>("views/landmark_offsets", tile.view_offsets);
   file.Write<std::uint32_t>("views/landmarks", tile.view_landmarks);
   file.Write<std::uint32_t>("bags/offsets", tile.bag_offsets);
@@ -131,6 +133,22 @@ void CraftedBundle::AddStation(const Eigen::Vector3f& position_in_pano) {
   station_panoramas.push_back(static_cast<std::uint32_t>(ids.size() - 1));
   station_positions.insert(station_positions.end(),
                            {position_in_pano.x(), position_in_pano.y(), position_in_pano.z()});
+}
+
+void CraftedBundle::AddWords() {
+  for (CraftedTile& tile : tiles) {
+    std::vector<std::uint32_t>& words_of_tile = tile.landmark_words.emplace();
+    const auto row_bytes = static_cast<std::size_t>(tile.descriptor_cols);
+    for (std::size_t at = 0; at < tile.descriptors.size(); at += row_bytes) {
+      std::array<std::uint8_t, kDescriptorSize> whole;
+      if (tile.descriptor_cols == kPackedDescriptorSize) {
+        UnpackDescriptor(&tile.descriptors[at], whole.data());
+      } else {
+        std::copy_n(&tile.descriptors[at], whole.size(), whole.begin());
+      }
+      words_of_tile.push_back(vocabulary.sift.Quantize(whole.data()));
+    }
+  }
 }
 
 void CraftedBundle::Write(const fs::path& folder) const {

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,7 @@ struct CraftedTile {
   std::vector<float> points;  // N x 3
   std::vector<std::uint8_t> codes, descriptors;
   int code_cols = 6, descriptor_cols = kDescriptorSize;
+  std::optional<std::vector<std::uint32_t>> landmark_words;  // none: as before format 2.2
   std::vector<std::uint32_t> view_offsets{0}, view_landmarks;
   std::vector<std::uint32_t> bag_offsets{0}, words;
   std::vector<std::uint8_t> weights;
@@ -59,14 +61,16 @@ struct CraftedBundle {
                    const std::vector<std::uint32_t>& panorama_links, bool depth = true);
   // A virtual one of the last panorama.
   void AddStation(const Eigen::Vector3f& position_in_pano);
+  // The words of all tiles' landmarks, from their descriptors.
+  void AddWords();
   void Write(const std::filesystem::path& folder) const;
 };
 
 // Four panoramas a, b, c, d in a row along y, 10 m apart, linked; b has a virtual station 4 m on;
 // two tiles of two panoramas; two views a station, ten in all; a vocabulary of 4 SIFT and 2 MSER
-// words. Panorama number p anchors 2 + p landmarks at (100 p + i, 1, 2) m on plane 1 + i % 2, the
-// first tile's in tile 0, the others in tile 1, which b anchors one of too. View `slot` of a tile
-// shows its landmarks n where (n + slot) % 3 != 0.
+// words, landmarks without theirs. Panorama number p anchors 2 + p landmarks at (100 p + i, 1, 2) m
+// on plane 1 + i % 2, the first tile's in tile 0, the others in tile 1, which b anchors one of too.
+// View `slot` of a tile shows its landmarks n where (n + slot) % 3 != 0.
 [[nodiscard]] CraftedBundle SmallBundle();
 
 // Writes the manifest's hash file anew, after a test has changed the manifest.

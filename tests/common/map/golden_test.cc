@@ -3,6 +3,8 @@
 // there.
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "common/map/map_bundle.h"
 
 namespace panofix {
@@ -10,7 +12,7 @@ namespace {
 
 const std::filesystem::path kGolden = std::filesystem::path(PANOFIX_SOURCE_DIR) / "schemas/golden";
 
-// What both bundles of format 2 hold, however they say it.
+// What all bundles of format 2 hold, however they say it.
 void ExpectGoldenContent(const MapBundle& bundle) {
   EXPECT_EQ(bundle.manifest().name, "golden");
   EXPECT_EQ(bundle.manifest().build, 7);
@@ -45,6 +47,21 @@ TEST(Golden, FormatTwoOneOpensWithItsSignature) {
   EXPECT_EQ((*bundle)->release()->statement.build, 7);
   EXPECT_EQ((*bundle)->manifest().vocabulary_release.rfind("sha256:", 0), 0U);
   ExpectGoldenContent(**bundle);
+}
+
+TEST(Golden, FormatTwoTwoKeepsTheWordsThatReadersOfTheOthersDerive) {
+  const auto ring = ReadKeyRing({kGolden / "release-2.2.pub"});
+  ASSERT_TRUE(ring.ok()) << ring.status().message();
+  const auto bundle = MapBundle::Open(kGolden / "bundle-2.2", *ring);
+  ASSERT_TRUE(bundle.ok()) << bundle.status().message();
+  EXPECT_EQ((*bundle)->manifest().minor, 2);
+  EXPECT_EQ((*bundle)->release()->statement.build, 7);
+  ExpectGoldenContent(**bundle);
+  const MapTile& tile = (*bundle)->tiles().Get(0);
+  const std::vector<std::uint32_t> derived = tile.DeriveWords((*bundle)->vocabulary().sift);
+  EXPECT_GT(std::set<std::uint32_t>(derived.begin(), derived.end()).size(), 10U);
+  EXPECT_EQ(std::vector<std::uint32_t>(tile.words().begin(), tile.words().end()), derived);
+  EXPECT_TRUE(MapBundle::Open(kGolden / "bundle-2.1").value()->tiles().Get(0).words().empty());
 }
 
 TEST(Golden, EveryVersionThatThisReleaseWritesHasOne) {

@@ -127,7 +127,8 @@ void AddViews(const std::vector<StreetLandmark>& landmarks, const Camera& camera
 
 }  // namespace
 
-SyntheticStreet::SyntheticStreet(StreetShape shape, int num_landmarks)
+SyntheticStreet::SyntheticStreet(StreetShape shape, int num_landmarks,
+                                 const std::function<void(CraftedBundle*)>& change)
     : landmarks_(MakeLandmarks(shape, num_landmarks)) {
   const CraftedBundle small = SmallBundle();
   CraftedBundle crafted;
@@ -155,6 +156,7 @@ SyntheticStreet::SyntheticStreet(StreetShape shape, int num_landmarks)
     AddViews(landmarks_, crafted.manifest.camera, p, centre + kVirtualInStreet, &tile);
   }
   crafted.similar_offsets.assign(crafted.ids.size() * kStreetViews + 1, 0);
+  if (change) change(&crafted);
   crafted.Write(folder_ / "b");
   bundle_ = ValueOrThrow(MapBundle::Open(folder_ / "b"));
   stations_ = std::make_unique<const StationGrid>(*bundle_);

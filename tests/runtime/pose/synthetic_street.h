@@ -2,6 +2,7 @@
 // A street of exact landmarks as a bundle, and frames taken in it: what retrieval and matching are
 // worth is not at stake here, only what is done with their results.
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -37,7 +38,9 @@ inline constexpr std::uint32_t kStreetPanoramas = 6,
 // packed.
 class SyntheticStreet {
  public:
-  explicit SyntheticStreet(StreetShape shape, int num_landmarks = 600);
+  // `change` is done to the bundle before it is written.
+  explicit SyntheticStreet(StreetShape shape, int num_landmarks = 600,
+                           const std::function<void(CraftedBundle*)>& change = {});
   [[nodiscard]] const std::shared_ptr<const MapBundle>& bundle() const { return bundle_; }
   [[nodiscard]] const Camera& camera() const { return bundle_->manifest().camera; }
   [[nodiscard]] const StationGrid& stations() const { return *stations_; }
