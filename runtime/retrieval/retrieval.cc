@@ -1,9 +1,17 @@
 #include "runtime/retrieval/retrieval.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <unordered_map>
 
 namespace panofix {
+namespace {
+
+// A search that is to end does so after so many tiles: some milliseconds.
+constexpr std::size_t kTilesAtOnce = 16;
+
+}  // namespace
 
 Retrieval::Retrieval(std::shared_ptr<const MapBundle> bundle, const RetrievalOptions& options)
     : bundle_(std::move(bundle)),
@@ -14,6 +22,16 @@ Retrieval::Retrieval(std::shared_ptr<const MapBundle> bundle, const RetrievalOpt
 template <typename Visit>
 bool Retrieval::ForEachTile(const std::vector<char>& wanted, const std::function<bool()>& stop,
                             const Visit& visit) const {
+  std::vector<std::size_t> batch;
+  const auto visit_batch = [&] {
+    if (batch.empty()) return;
+    tbb::parallel_for(std::size_t{0}, batch.size(),
+                      [&](std::size_t i) { visit(batch[i], *tiles_->Of(batch[i])); });
+    batch.clear();
+    tiles_->Trim();
+  };
+  // Where memory is bounded a tile may have to go before the next comes.
+  const std::size_t most = options_.max_memory_bytes > 0 ? 1 : kTilesAtOnce;
   for (std::size_t tile = 0; tile < bundle_->tiles().size(); ++tile) {
     if (!wanted.empty()) {
       const std::vector<std::uint32_t>& views = bundle_->ViewsOfTile(tile);
@@ -22,9 +40,10 @@ bool Retrieval::ForEachTile(const std::vector<char>& wanted, const std::function
     } else if (stop && stop()) {
       return false;
     }
-    visit(tile, *tiles_->Of(tile));
-    tiles_->Trim();
+    batch.push_back(tile);
+    if (batch.size() == most) visit_batch();
   }
+  visit_batch();
   return true;
 }
 

@@ -80,7 +80,8 @@ class Retrieval {
   [[nodiscard]] std::vector<float> Similarities(const RetrievalQuery& query,
                                                 const std::vector<char>& wanted) const;
   // Calls visit(tile, its index) for the tiles with a wanted view (all where `wanted` is empty) and
-  // keeps the bound on memory on the way. False where `stop` ended it.
+  // keeps the bound on memory on the way; several tiles at once where there is none. False where
+  // `stop` ended it.
   template <typename Visit>
   bool ForEachTile(const std::vector<char>& wanted, const std::function<bool()>& stop,
                    const Visit& visit) const;

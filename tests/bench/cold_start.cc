@@ -27,11 +27,14 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
+constexpr std::chrono::milliseconds kFrameInterval(50);
+
 struct Options {
   fs::path map, drive, runtime, work;
   std::uint32_t num_copies = 200;
   std::string memory_mb;
   double patience_s = 600;
+  bool without_words = false;
 };
 
 std::string IdOf(const MapPanorama& panorama, std::uint32_t copy) {
@@ -62,7 +65,8 @@ void AddPanoramas(const MapBundle& map, std::uint32_t copy, CraftedBundle* city)
   }
 }
 
-CraftedTile CopyOf(const MapBundle& map, std::size_t tile_idx, std::uint32_t copy) {
+CraftedTile CopyOf(const MapBundle& map, std::size_t tile_idx, std::uint32_t copy,
+                   bool with_words) {
   const MapTile& tile = map.tiles().Get(tile_idx);
   CraftedTile out;
   out.path = "tiles/" + std::to_string(10'000 + copy) + "-" + std::to_string(tile_idx) + ".h5";
@@ -85,6 +89,9 @@ CraftedTile CopyOf(const MapBundle& map, std::size_t tile_idx, std::uint32_t cop
     const auto shown = tile.LandmarksOf(slot);
     out.EndView({shown.begin(), shown.end()}, tile.Bag(slot));
   }
+  if (!with_words) return out;
+  out.landmark_words.emplace(tile.words().begin(), tile.words().end());
+  if (tile.words().empty()) out.landmark_words = tile.DeriveWords(map.vocabulary().sift);
   return out;
 }
 
@@ -102,7 +109,7 @@ void WriteCity(const Options& o, const fs::path& folder) {
   for (std::uint32_t copy = 0; copy < o.num_copies; ++copy) {
     AddPanoramas(*map, copy, &city);
     for (std::size_t tile = 0; tile < map->tiles().size(); ++tile)
-      city.tiles.push_back(CopyOf(*map, tile, copy));
+      city.tiles.push_back(CopyOf(*map, tile, copy, !o.without_words));
   }
   city.Write(folder);
 }
@@ -164,10 +171,14 @@ void Run(const Options& o) {
   const auto since_s = [&] { return std::chrono::duration<double>(Clock::now() - start).count(); };
   const pid_t pid = Start(command);
   double first_s = -1;
-  for (std::int64_t time_ns = 1; since_s() < o.patience_s; ++time_ns) {
-    ThrowIfError(camera.Send(kFrameTopic, PackFrame(time_ns, bytes)));
+  auto next = start;
+  for (std::int64_t time_ns = 1; since_s() < o.patience_s;) {
+    if (Clock::now() >= next) {  // at a camera's rate: answers to more would take the map's time
+      next = Clock::now() + kFrameInterval;
+      ThrowIfError(camera.Send(kFrameTopic, PackFrame(time_ns++, bytes)));
+    }
     static_cast<void>(camera.TakeSubscriptions(0));
-    const auto message = ValueOrThrow(answers.Receive(50));
+    const auto message = ValueOrThrow(answers.Receive(10));
     if (!message) continue;
     const ReceivedResult answer = ValueOrThrow(UnpackResult(message->payload));
     if (first_s < 0) first_s = since_s();
@@ -198,6 +209,7 @@ int main(int argc, char** argv) {
   app.add_option("--work", o.work, "folder for the large bundle, which is kept there")->required();
   app.add_option("--copies", o.num_copies)->capture_default_str();
   app.add_option("--memory-mb", o.memory_mb, "handed on");
+  app.add_flag("--without-words", o.without_words, "lays it as format 2.1 was");
   CLI11_PARSE(app, argc, argv);
   try {
     std::filesystem::create_directories(o.work);
