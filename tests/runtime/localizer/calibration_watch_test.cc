@@ -32,6 +32,15 @@ TEST(CalibrationWatch, NoiseDoesNotAddUp) {
   }
 }
 
+// Neighbouring frames share their errors: a few with the same large one are one finding.
+TEST(CalibrationWatch, AFewFramesOfOnePlaceDoNotAccuse) {
+  CalibrationWatch watch;
+  for (const FocalCheck& check : {FocalCheck{0.047, 0.015}, {0.071, 0.022}, {0.026, 0.015}}) {
+    watch.Add(check);
+    EXPECT_FALSE(watch.IsOff());
+  }
+}
+
 TEST(CalibrationWatch, ACameraThatIsChangedIsNoticed) {
   CalibrationWatch watch;
   for (int frame = 0; frame < 5000; ++frame) watch.Add({0.0, 0.006});
