@@ -43,6 +43,7 @@ PoseOptions PoseOptionsFor(const Levers& levers, const MapBundle& bundle, const 
   pose.ransac.max_reproj_error_px = 4.0;
   pose.refine.use_point_sigma = levers.sigmas;
   pose.use_guided = levers.guided && bundle.manifest().features.root_sift;
+  pose.use_wide = levers.confirm;
   if (!levers.gates) OpenGates(PaperOptions{}.min_inliers, &pose);
   return pose;
 }

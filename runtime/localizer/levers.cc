@@ -52,6 +52,11 @@ const std::vector<Lever>& AllLevers() {
        {"tracking"},
        "a tracked frame is looked at at half its size first, and at full size where that leaves "
        "doubt"},
+      {"confirm",
+       &Levers::confirm,
+       {"tracking"},
+       "a find that is not sure is looked at with the landmarks of more stations, and taken where "
+       "the finds of a second lie along one motion"},
       {"exhaustive",
        &Levers::exhaustive,
        {},

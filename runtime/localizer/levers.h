@@ -10,7 +10,7 @@ namespace panofix {
 struct Levers {
   bool mutual = false, ranked = false, pooled = false, sigmas = false, gates = false;
   bool votes = false, guided = false, tracking = false, bridging = false;
-  bool coarse = false;
+  bool coarse = false, confirm = false;
   bool exhaustive = false;  // no preset's: what a window spares is measured against it
 };
 

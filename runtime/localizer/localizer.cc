@@ -44,7 +44,7 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
   }
   if (IsLate(result)) return;
   if (!levers.tracking) return RunUntracked(image, features, result);
-  if (Track(features, result) || IsLate(result) || Bridge(features, result)) return;
+  if (Track(features, result) || IsLate(result) || Bridge(features, Bridging::kAny, result)) return;
   if (IsLate(result)) return;
   const BagOfWords bag = MakeBag(image, features, &result->latency);
   // Where the vehicle must be first; the whole map where that fails.
@@ -62,7 +62,8 @@ void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
     }
     if (IsLate(result)) return;
     LocalFrame local;
-    const PoseOutcome outcome = Solve(features, retrieved, &local, &result->latency);
+    PoseOutcome outcome = Solve(features, retrieved, &local, &result->latency);
+    Confirm(local, result->timestamp_ns, &outcome);
     if (Accept(features, outcome, local, result)) return;
     if (windowed) places.UpdateNoFix(window);
   }
@@ -183,6 +184,7 @@ void Localizer::Forget() {
   impl_->history = FixHistory();
   impl_->calibration = CalibrationWatch();
   impl_->rivals = RivalWatch();
+  impl_->finds = FindWatch();
   impl_->past = PastFrames();
   impl_->recent = RecentFrames();
   impl_->last_is_distinct = false;

@@ -13,6 +13,7 @@
 #include "runtime/localizer/calibration_watch.h"
 #include "runtime/localizer/estimator_options.h"
 #include "runtime/localizer/fair_mutex.h"
+#include "runtime/localizer/find_watch.h"
 #include "runtime/localizer/fix_history.h"
 #include "runtime/localizer/localizer.h"
 #include "runtime/localizer/past_frames.h"
@@ -93,8 +94,10 @@ struct Localizer::Impl {
   bool Track(const FrameFeatures& features, FrameResult* result);
   // The same at half the frame's size, where the last frames were sure so.
   bool TrackCoarse(const GrayImage& image, FrameResult* result);
-  // Carries on from what the last frames saw, where the map alone does not.
-  bool Bridge(const FrameFeatures& features, FrameResult* result);
+  // Carries on from what the last frames saw, where the map alone does not. kSure: a degraded pose
+  // is not taken, as there is a better one.
+  enum class Bridging { kAny, kSure };
+  bool Bridge(const FrameFeatures& features, Bridging bridging, FrameResult* result);
   [[nodiscard]] PoseContext Context(const FrameFeatures& features, const LocalFrame& local) const;
   // Panoramas that hold most of the belief; empty where it is spread too far.
   [[nodiscard]] std::vector<std::uint32_t> Window() const;
@@ -102,6 +105,8 @@ struct Localizer::Impl {
                            FrameResult* result);
   PoseOutcome Solve(const FrameFeatures& features, const RetrievalResult& retrieved,
                     LocalFrame* local, StageLatency* latency) const;
+  // Trusts a find that is not sure where the last ones confirm it.
+  void Confirm(const LocalFrame& local, std::int64_t now_ns, PoseOutcome* outcome);
   // Takes a trusted outcome as the frame's answer; false where it is not trusted.
   bool Accept(const FrameFeatures& features, const PoseOutcome& outcome, const LocalFrame& local,
               FrameResult* result);
@@ -149,6 +154,7 @@ struct Localizer::Impl {
   std::optional<Eigen::Vector3d> last_in_map;  // of the last pose, for the tiles
   CalibrationWatch calibration;
   RivalWatch rivals;
+  FindWatch finds;
   int coarse_pause = 0;           // frames until half the size is tried again
   bool last_is_distinct = false;  // of the last pose in history
   PastFrames past;

@@ -21,6 +21,10 @@ constexpr float kRivalVotes = 0.4F;    // of the votes at the pose's own place: 
 constexpr double kPriorRadius_m =
     15;  // belief within speaks for a place: panoramas stand this far apart
 
+Rigid3 CamFromLocal(const Rigid3& map_from_cam, const LocalFrame& local) {
+  return Rigid3(map_from_cam.rotation, local.FromMap(map_from_cam.translation)).Inverse();
+}
+
 }  // namespace
 
 PlaceGraph PlaceGraphOf(const MapBundle& bundle) {
@@ -62,10 +66,8 @@ BagOfWords Localizer::Impl::MakeBag(const GrayImage& image, const FrameFeatures&
 
 std::vector<Rigid3> Localizer::Impl::Predict(std::int64_t now_ns, const LocalFrame& local) const {
   std::vector<Rigid3> predictions;
-  for (const Rigid3& map_from_cam : history.Predictions(now_ns)) {
-    predictions.push_back(
-        Rigid3(map_from_cam.rotation, local.FromMap(map_from_cam.translation)).Inverse());
-  }
+  for (const Rigid3& map_from_cam : history.Predictions(now_ns))
+    predictions.push_back(CamFromLocal(map_from_cam, local));
   return predictions;
 }
 
@@ -114,13 +116,14 @@ bool Localizer::Impl::Track(const FrameFeatures& features, FrameResult* result) 
   const PoseOutcome outcome = Follow(features, local, result);
   if (!outcome.trusted || outcome.degraded) return false;
   if (outcome.num_inliers < pose_options.weak_inliers &&
-      IsDistinct(features, outcome, local, result) && Bridge(features, result)) {
+      IsDistinct(features, outcome, local, result) && Bridge(features, Bridging::kSure, result)) {
     return true;
   }
   return Accept(features, outcome, local, result);
 }
 
-bool Localizer::Impl::Bridge(const FrameFeatures& features, FrameResult* result) {
+bool Localizer::Impl::Bridge(const FrameFeatures& features, Bridging bridging,
+                             FrameResult* result) {
   if (!levers.bridging || !CanTrack() || !history.HasRecentFix() || rivals.IsAmbiguous()) {
     return false;
   }
@@ -130,7 +133,7 @@ bool Localizer::Impl::Bridge(const FrameFeatures& features, FrameResult* result)
       BridgePose(Context(features, local), recent.Triangulate(camera, local, pose_options.guided),
                  Predict(result->timestamp_ns, local));
   result->latency.pose_ms += watch.Lap();
-  if (!outcome.trusted) return false;
+  if (!outcome.trusted || (bridging == Bridging::kSure && outcome.degraded)) return false;
   rivals.Pass();
   result->num_inliers = outcome.num_inliers;
   result->num_views = 0;  // no view vouches for it
@@ -195,7 +198,11 @@ PoseOutcome Localizer::Impl::Solve(const FrameFeatures& features, const Retrieva
         MatchView(features, camera, *bundle, retrieved.views[i].view_idx, *local, match_options);
   });
   latency->matching_ms += watch.Lap();
-  PoseOutcome outcome = EstimatePose(Context(features, *local), matches);
+  constexpr std::size_t kLastFinds = 2;
+  PoseContext context = Context(features, *local);
+  for (const Rigid3& find : finds.Last(kLastFinds))
+    context.last_finds.push_back(CamFromLocal(find, *local));
+  PoseOutcome outcome = EstimatePose(context, matches);
   latency->pose_ms += watch.Lap();
   return outcome;
 }
@@ -281,13 +288,25 @@ void Localizer::Impl::Remember(const FrameFeatures& features, const PoseOutcome&
   places.UpdateFix(map_from_cam.translation, PositionSigma_m(outcome));
 }
 
+void Localizer::Impl::Confirm(const LocalFrame& local, std::int64_t now_ns, PoseOutcome* outcome) {
+  if (!levers.confirm || !outcome->unconfirmed) return;
+  const Rigid3 local_from_cam = outcome->cam_from_local.Inverse();
+  finds.Add(now_ns, {local_from_cam.rotation, local.ToMap(local_from_cam.translation)},
+            outcome->num_firm >= pose_options.min_firm);
+  if (!finds.IsConfirmed()) return;
+  outcome->trusted = true;
+  outcome->unconfirmed = false;
+  outcome->reason.clear();
+  DegradeDoubtful(pose_options, outcome);
+}
+
 bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& outcome,
                              const LocalFrame& local, FrameResult* result) {
   result->reason = outcome.reason;
   result->num_inliers = outcome.num_inliers;
   result->num_views = static_cast<int>(outcome.views.size());
   // Of a place that was ambiguous before its rivals were searched nothing is known.
-  if (!outcome.trusted && outcome.rival_support > 0)
+  if (!outcome.trusted && (outcome.unconfirmed || outcome.rival_support > 0))
     rivals.Add(outcome.support, outcome.rival_support);
   if (!outcome.trusted) return false;
   // What the map has twice tells no place, however well it is matched; it may be followed, not
@@ -340,6 +359,7 @@ void Localizer::Impl::Advance(std::int64_t now_ns) {
   history.Advance(now_ns);
   if (has_last_frame && now_ns <= last_frame_ns) rivals = RivalWatch();
   rivals.Advance();
+  finds.Advance(now_ns);
   recent.Advance(now_ns);
   past.Advance(now_ns, pose_options.past_age_s);
   if (has_last_frame)

@@ -76,9 +76,11 @@ void Summarize(const MatchPool& pool, const FrameFeatures& frame, const Camera& 
 }
 
 std::vector<ReadyLandmark> LandmarksAt(const Scene& scene, const Rigid3& cam_from_local,
-                                       const PoseOptions& options) {
+                                       const PoseOptions& options, Reach reach = Reach::kNear) {
+  LandmarkSetOptions set = options.landmarks;
+  if (reach == Reach::kWide) set.num_stations = options.wide_stations;
   return CollectLandmarks(scene.bundle, scene.stations, scene.local, scene.camera, cam_from_local,
-                          options.landmarks);
+                          set);
 }
 
 // Landmarks found beyond chance in windows of one size: comparable between poses.
@@ -128,7 +130,7 @@ void TryConsensus(const MatchPool& pool, double focal_px, const PoseOptions& opt
 
 // Guided rounds from a pose, each in windows half as wide, then the adjustment.
 PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solution solution,
-                         const PoseOptions& options) {
+                         const PoseOptions& options, Reach reach) {
   PoseOutcome outcome;
   outcome.covariance = Matrix6d::Zero();
   const double focal_px = scene.camera.fx_px;
@@ -141,9 +143,12 @@ PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solutio
     const int rounds_left = options.guided_rounds - 1 - round;
     search.max_radius_px *= 1 << rounds_left;
     search.min_radius_px *= 1 << rounds_left;
-    const GuidedMatches guided = MatchGuided(scene.frame, scene.grid, scene.camera,
-                                             LandmarksAt(scene, solution.cam_from_local, options),
-                                             solution.cam_from_local, solution.covariance, search);
+    const auto find = [&](Reach how_far) {
+      return MatchGuided(scene.frame, scene.grid, scene.camera,
+                         LandmarksAt(scene, solution.cam_from_local, options, how_far),
+                         solution.cam_from_local, solution.covariance, search);
+    };
+    const GuidedMatches guided = find(reach);
     pool = retrieved;
     pool.Append(guided.matches);
     if (rounds_left > 0) {
@@ -151,17 +156,19 @@ PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solutio
       solution = Refine(pool, solution.cam_from_local, focal_px, options);
       continue;
     }
-    outcome.support =
-        double(guided.num_found - guided.num_decoys) / std::max(1, guided.num_visible);
-    outcome.over_chance = double(guided.num_found) / std::max(1, guided.num_decoys);
-    outcome.coverage = SupportedShare(guided);
+    const GuidedMatches near = reach == Reach::kNear ? guided : find(Reach::kNear);
+    outcome.support = double(near.num_found - near.num_decoys) / std::max(1, near.num_visible);
+    outcome.over_chance = double(near.num_found) / std::max(1, near.num_decoys);
+    outcome.coverage = SupportedShare(near);
     solution = Adjust(scene, pool, solution.cam_from_local, options);
-    int num_agreed = 0;
-    for (const Correspondence& match : guided.matches.correspondences) {
-      double chi2;
-      if (solution.success && Agrees(match, solution.cam_from_local, focal_px, &chi2)) ++num_agreed;
-    }
-    outcome.agreement = double(num_agreed) / std::max(1, guided.num_found);
+    if (!solution.success) break;
+    MatchPool found, of_near = retrieved;
+    found.Append(guided.matches);
+    of_near.Append(near.matches);
+    outcome.agreement =
+        static_cast<double>(Agreeing(found, solution.cam_from_local, focal_px).matches.size()) /
+        std::max(1, guided.num_found);
+    outcome.num_near_inliers = CountKeypoints(of_near, solution.cam_from_local, focal_px);
   }
   if (!options.use_guided && solution.success)
     solution = Adjust(scene, pool, solution.cam_from_local, options);
@@ -171,6 +178,9 @@ PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solutio
   outcome.covariance = solution.covariance;
   outcome.chi2_per_dof = solution.chi2_per_dof;
   outcome.agreed = std::move(solution.agreed);
+  outcome.num_firm =
+      static_cast<int>(std::count_if(outcome.agreed.begin(), outcome.agreed.end(),
+                                     [](const Correspondence& c) { return c.surface_id < 0; }));
   outcome.focal = solution.focal;
   Summarize(pool, scene.frame, scene.camera, &outcome);
   return outcome;
@@ -200,14 +210,14 @@ double KeypointSpread(const std::set<int>& keypoints, const FrameFeatures& frame
 }
 
 PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
-                         const MatchPool& retrieved, const PoseOptions& options) {
+                         const MatchPool& retrieved, const PoseOptions& options, Reach reach) {
   const Solution start = Refine(retrieved, hypothesis.cam_from_local, scene.camera.fx_px, options);
-  PoseOutcome outcome = GuidedRounds(scene, retrieved, start, options);
+  PoseOutcome outcome = GuidedRounds(scene, retrieved, start, options, reach);
   if (!options.use_guided || !outcome.found || outcome.over_chance >= options.sure_over_chance)
     return outcome;
   Solution beside = start;
   beside.cam_from_local = ClimbSupport(scene, outcome.cam_from_local, options);
-  const PoseOutcome other = GuidedRounds(scene, retrieved, beside, options);
+  const PoseOutcome other = GuidedRounds(scene, retrieved, beside, options, reach);
   return other.found && other.support > outcome.support ? other : outcome;
 }
 
@@ -218,11 +228,11 @@ RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options) {
 }
 
 MatchPool MatchNear(const Scene& scene, const Rigid3& cam_from_local, double radius_px,
-                    const PoseOptions& options) {
+                    const PoseOptions& options, Reach reach) {
   MatchPool pool;
   pool.Append(MatchAround(scene.frame, scene.grid, scene.camera,
-                          LandmarksAt(scene, cam_from_local, options), cam_from_local, radius_px,
-                          options.guided));
+                          LandmarksAt(scene, cam_from_local, options, reach), cam_from_local,
+                          radius_px, options.guided));
   return pool;
 }
 

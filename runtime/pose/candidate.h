@@ -33,16 +33,21 @@ struct Scene {
 [[nodiscard]] double KeypointSpread(const std::set<int>& keypoints, const FrameFeatures& frame,
                                     const Camera& camera);
 
+// Whose landmarks a pose is made of: those of PoseOptions::landmarks, or of wide_stations.
+enum class Reach { kNear, kWide };
+
 // Refinement and guided rounds; where these leave doubt, once more from the best supported pose
 // near by. found = false where no pose comes out. Gates are not applied.
 [[nodiscard]] PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
-                                       const MatchPool& retrieved, const PoseOptions& options);
+                                       const MatchPool& retrieved, const PoseOptions& options,
+                                       Reach reach = Reach::kNear);
 
 // LO-RANSAC with the minimal solver over matches of any number of views.
 [[nodiscard]] RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options);
 
 // Matches of the landmarks that a predicted pose would show, each looked for within `radius_px`.
 [[nodiscard]] MatchPool MatchNear(const Scene& scene, const Rigid3& cam_from_local,
-                                  double radius_px, const PoseOptions& options);
+                                  double radius_px, const PoseOptions& options,
+                                  Reach reach = Reach::kNear);
 
 }  // namespace panofix

@@ -1,6 +1,7 @@
 #include "runtime/pose/frame_matches.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "common/geometry/attitude.h"
 
@@ -18,7 +19,10 @@ Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx,
   Correspondence c;
   c.lever_in_map = local_from_anchor.rotation * landmark.point_in_pano;
   c.point_in_map = local_from_anchor.translation + c.lever_in_map;
-  c.range_sigma_in_map = c.lever_in_map.normalized() * landmark.range_sigma_m;
+  const double plane_sigma_m =
+      landmark.surface_idx > 0 ? kPlaneRangeShare * c.lever_in_map.norm() : 0;
+  c.range_sigma_in_map =
+      c.lever_in_map.normalized() * std::hypot(landmark.range_sigma_m, plane_sigma_m);
   c.point_sigma_m = landmark.point_sigma_m;
   if (landmark.surface_idx > 0) {
     const MapSurface surface = bundle.SurfaceOf(landmark_id, landmark);

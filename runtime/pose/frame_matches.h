@@ -23,6 +23,11 @@ struct FrameFeatures {
 // Error of a keypoint in pixels, 1-sigma: grows with the region's size.
 [[nodiscard]] double KeypointSigma_px(float size_px);
 
+// 1-sigma error of the range of a landmark that only a depth plane places, beside what the map
+// states, as a share of it: what stands before a façade (a tree, a car) was put on the façade's
+// plane, and no second panorama has told.
+inline constexpr double kPlaneRangeShare = 0.1;
+
 // A landmark as a correspondence that still lacks its bearing: the point, its errors and its lever,
 // in the local frame. `view_idx` is one that shows it.
 [[nodiscard]] Correspondence MakeLandmark(const MapBundle& bundle, std::uint32_t view_idx,

@@ -97,13 +97,15 @@ double StationDistance_m(const StationGrid& stations, const LocalFrame& local,
 void LogCandidate(const PoseOutcome& outcome, const MapBundle& bundle, const LocalFrame& local) {
   const Geodetic place = bundle.frame().ToGeodetic(local.ToMap(CentreOf(outcome.cam_from_local)));
   LogDebug(Format(
-      "candidate %.9f %.9f inliers %d elsewhere %d spread %.3f support %.3f over_chance %.1f "
+      "candidate %.9f %.9f inliers %d firm %d elsewhere %d spread %.3f support %.3f over_chance "
+      "%.1f "
       "chi2 %.2f sigma_m %.3f agreement %.3f coverage %.3f focal %.4f focal_sigma %.4f rival %.3f "
       "%s",
-      place.lat_deg, place.lon_deg, outcome.num_inliers, outcome.num_elsewhere, outcome.spread,
-      outcome.support, outcome.over_chance, outcome.chi2_per_dof, PositionSigma_m(outcome),
-      outcome.agreement, outcome.coverage, outcome.focal.error, outcome.focal.sigma,
-      outcome.rival_support, outcome.trusted ? "trusted" : outcome.reason.c_str()));
+      place.lat_deg, place.lon_deg, outcome.num_inliers, outcome.num_firm, outcome.num_elsewhere,
+      outcome.spread, outcome.support, outcome.over_chance, outcome.chi2_per_dof,
+      PositionSigma_m(outcome), outcome.agreement, outcome.coverage, outcome.focal.error,
+      outcome.focal.sigma, outcome.rival_support,
+      outcome.trusted ? "trusted" : outcome.reason.c_str()));
 }
 
 }  // namespace panofix

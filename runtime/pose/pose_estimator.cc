@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <optional>
 #include <stdexcept>
+#include <tuple>
 
 #include "common/base/log.h"
 #include "runtime/pose/candidate.h"
@@ -46,22 +47,18 @@ bool IsRepeat(const Rigid3& pose, const std::vector<Rigid3>& poses, double dista
 
 // A pose that nothing foretold needs more evidence than one that was.
 bool IsSureFind(const PoseOutcome& outcome, const PoseOptions& options) {
-  return outcome.num_inliers >= options.find_inliers && outcome.support >= options.find_support &&
+  return outcome.num_near_inliers >= options.find_inliers &&
+         outcome.support >= options.find_support &&
          (outcome.over_chance >= options.find_over_chance || HasPlenty(outcome, options)) &&
          outcome.coverage >= options.find_coverage;
 }
 
-// The hypotheses worth a guided search: most keypoints first, near repeats left out, one where it
-// is sure.
-std::vector<Hypothesis> DistinctBest(std::vector<Hypothesis> hypotheses,
-                                     const PoseOptions& options) {
+// Most keypoints first, near repeats left out.
+std::vector<Hypothesis> DistinctBest(std::vector<Hypothesis> hypotheses, std::size_t most) {
   constexpr double kSamePlace_m = 0.7, kSameTurn_rad = 0.05;
   std::stable_sort(
       hypotheses.begin(), hypotheses.end(),
       [](const Hypothesis& a, const Hypothesis& b) { return a.num_keypoints > b.num_keypoints; });
-  const bool one = !options.use_guided ||
-                   (!hypotheses.empty() && hypotheses[0].num_keypoints >= options.sure_inliers);
-  const std::size_t most = one ? 1 : static_cast<std::size_t>(options.max_candidates);
   std::vector<Hypothesis> distinct;
   std::vector<Rigid3> poses;
   for (const Hypothesis& h : hypotheses) {
@@ -71,6 +68,14 @@ std::vector<Hypothesis> DistinctBest(std::vector<Hypothesis> hypotheses,
     if (distinct.size() == most) break;
   }
   return distinct;
+}
+
+// How many hypotheses are worth a guided search: one where it is sure.
+std::size_t NumWorthy(const std::vector<Hypothesis>& hypotheses, const PoseOptions& options) {
+  const bool is_sure = std::any_of(hypotheses.begin(), hypotheses.end(), [&](const Hypothesis& h) {
+    return h.num_keypoints >= options.sure_inliers;
+  });
+  return is_sure || !options.use_guided ? 1 : static_cast<std::size_t>(options.max_candidates);
 }
 
 // Candidates of one frame, gated as they come.
@@ -91,10 +96,11 @@ class Candidates {
   [[nodiscard]] PoseOutcome& best() { return best_; }
   [[nodiscard]] const std::vector<PoseOutcome>& all() const { return all_; }
 
-  // `rivals` are hypotheses for the same frame.
+  // `rivals` are hypotheses for the same frame. A wide one is better than all near ones: it rests
+  // on more.
   void Consider(const Hypothesis& hypothesis, const MatchPool& pool,
-                const std::vector<Hypothesis>& rivals) {
-    PoseOutcome outcome = CompletePose(scene_, hypothesis, pool, context_.options);
+                const std::vector<Hypothesis>& rivals, Reach reach = Reach::kNear) {
+    PoseOutcome outcome = CompletePose(scene_, hypothesis, pool, context_.options, reach);
     if (!outcome.found) return;
     for (const Hypothesis& h : rivals) {
       if (IsElsewhere(h.cam_from_local, outcome.cam_from_local) &&
@@ -107,9 +113,9 @@ class Candidates {
     outcome.trusted = outcome.reason.empty();
     LogCandidate(outcome, context_.bundle, context_.local);
     all_.push_back(outcome);
-    if (std::make_tuple(outcome.trusted, outcome.support, outcome.num_inliers) >
-        std::make_tuple(best_.trusted, best_.support, best_.num_inliers)) {
+    if (Worth(outcome, reach) > worth_of_best_) {
       best_ = outcome;
+      worth_of_best_ = Worth(outcome, reach);
     }
   }
 
@@ -133,22 +139,41 @@ class Candidates {
            IsElsewhere(other.cam_from_local, pose);
   }
 
+  // The best `most` candidates so far that may be told from another, by inliers.
+  [[nodiscard]] std::vector<Hypothesis> Starts(std::size_t most) const {
+    std::vector<Hypothesis> starts;
+    for (const PoseOutcome& c : all_) {
+      if (c.num_inliers >= context_.options.min_view_inliers)
+        starts.push_back({c.cam_from_local, c.num_inliers});
+    }
+    return DistinctBest(std::move(starts), most);
+  }
+
  private:
+  // Near ones are told by their support, wide ones by their firm matches.
+  static std::tuple<bool, bool, double, int> Worth(const PoseOutcome& outcome, Reach reach) {
+    const bool is_wide = reach == Reach::kWide;
+    return {outcome.trusted, is_wide, is_wide ? outcome.num_firm : outcome.support,
+            outcome.num_inliers};
+  }
+
   const PoseContext& context_;
   const KeypointGrid grid_;
   const Scene scene_;
   PoseOutcome best_;
+  std::tuple<bool, bool, double, int> worth_of_best_ = {};
   std::vector<PoseOutcome> all_;
 };
 
 // Looks for landmarks around a rough pose; a consensus among them becomes a candidate.
 void ConsiderAround(const PoseContext& context, const Rigid3& rough, double radius_px,
-                    const std::vector<Hypothesis>& rivals, Candidates* candidates) {
-  const MatchPool pool = MatchNear(candidates->scene(), rough, radius_px, context.options);
+                    const std::vector<Hypothesis>& rivals, Candidates* candidates,
+                    Reach reach = Reach::kNear) {
+  const MatchPool pool = MatchNear(candidates->scene(), rough, radius_px, context.options, reach);
   const RansacResult found = FindConsensus(pool, context.options);
   if (!found.success) return;
   const int num_keypoints = CountKeypoints(pool, found.cam_from_map, context.camera.fx_px);
-  candidates->Consider({found.cam_from_map, num_keypoints}, pool, rivals);
+  candidates->Consider({found.cam_from_map, num_keypoints}, pool, rivals, reach);
 }
 
 // Look-alikes: what would the landmarks of the other places say?
@@ -223,7 +248,7 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
   constexpr std::size_t kFewestMatches = 12;
   Candidates candidates(context,
                         pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus");
-  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, options)) {
+  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, NumWorthy(hypotheses, options))) {
     candidates.Consider(hypothesis, pool, hypotheses);
     if (candidates.best().trusted && candidates.best().over_chance >= options.sure_over_chance)
       break;
@@ -239,10 +264,19 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
     ConsiderAround(context, rough, options.around_view_px, hypotheses, &candidates);
   }
   PoseOutcome& best = candidates.best();
+  constexpr std::size_t kMostWide = 2;
+  const bool is_doubtful = !best.trusted || !IsSureFind(best, options);
+  if (options.use_guided && options.use_wide && is_doubtful) {
+    for (const Hypothesis& start : candidates.Starts(kMostWide))
+      candidates.Consider(start, pool, hypotheses, Reach::kWide);
+    for (const Rigid3& find : context.last_finds)
+      ConsiderAround(context, find, options.around_px, hypotheses, &candidates, Reach::kWide);
+  }
   if (best.trusted && options.use_guided)
     RefuseLookAlike(context, views, hypotheses, pool, &candidates);
   if (best.trusted && options.use_guided && !IsSureFind(best, options)) {
     best.trusted = false;
+    best.unconfirmed = true;
     best.reason = "unconfirmed";
   }
   if (best.trusted) DegradeDoubtful(options, &best);
@@ -253,7 +287,10 @@ PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& pre
   Candidates candidates(context, "no_consensus");
   PoseOutcome& best = candidates.best();
   for (const Rigid3& prediction : predictions) {
-    ConsiderAround(context, prediction, context.options.around_px, {}, &candidates);
+    const double radius_px = context.options.around_px;
+    ConsiderAround(context, prediction, radius_px, {}, &candidates);
+    if (context.options.use_wide && best.num_inliers < context.options.weak_inliers)
+      ConsiderAround(context, prediction, radius_px, {}, &candidates, Reach::kWide);
     if (!best.trusted) continue;
     if ((CentreOf(best.cam_from_local) - CentreOf(prediction)).norm() <
         context.options.max_track_shift_m) {

@@ -25,6 +25,9 @@ struct PoseContext {
   std::function<double(const Eigen::Vector3d& position_in_map)> prior;
   // Last fixes that join the final adjustment, older first.
   std::vector<PastFrame> past = {};
+  // cam_from_local of finds shortly before that were not sure: a find that is not sure either is
+  // looked for there too.
+  std::vector<Rigid3> last_finds = {};
 };
 
 // From retrieved views, matched in the context's local frame. Of look-alikes the one that the past

@@ -24,6 +24,10 @@ struct PoseOptions {
   bool use_guided = true;  // search landmarks around the first pose; needs RootSIFT
   GuidedOptions guided;
   LandmarkSetOptions landmarks;
+  // Stations whose landmarks make the pose of a find that is not sure; what speaks for it is
+  // counted among `landmarks` alone, as ever.
+  std::size_t wide_stations = 10;
+  bool use_wide = true;
   double around_px = 130;  // window around a prediction: a turn of some degrees, a metre or two
   double around_view_px =
       300;                   // and around a retrieved view's own pose: half the step between views
@@ -42,7 +46,11 @@ struct PoseOptions {
   double find_support = 0.08;
   double find_over_chance = 8;
   double find_coverage = 0.35;
-  int weak_inliers = 50;  // a tracked pose with fewer is joined to what the last frames saw
+  // Firm matches of finds that may confirm each other; those whose depth is a plane's suit poses a
+  // metre or two off.
+  int min_firm = 20;
+  // A tracked pose with fewer takes more stations and is joined to what the last frames saw.
+  int weak_inliers = 50;
   // What a tracked pose must show that the frame at half its size led to; else all of it is looked
   // at.
   int coarse_inliers = 40;
@@ -95,9 +103,13 @@ struct PoseOutcome {
   bool degraded = false;  // trusted, but `reason` says why its covariance was widened
   std::string reason;     // snake_case word
   Rigid3 cam_from_local;
-  Matrix6d covariance;  // of the camera's pose in the local frame
-  int num_inliers = 0;  // distinct keypoints
-  double support = 0;   // share of visible landmarks found beyond chance; 0 without guided matching
+  Matrix6d covariance;       // of the camera's pose in the local frame
+  bool unconfirmed = false;  // not trusted only because one frame alone is too little evidence
+  int num_inliers = 0;       // distinct keypoints
+  int num_firm = 0;          // matches that agree, of landmarks that no depth plane places
+  // Of these with matches of retrieved views or the nearest stations; 0 without guided matching.
+  int num_near_inliers = 0;
+  double support = 0;  // share of visible landmarks found beyond chance; 0 without guided matching
   double over_chance = 0;         // landmarks found over those found in decoy windows
   double coverage = 0;            // SupportedShare of the last guided search
   double station_distance_m = 0;  // from the nearest station

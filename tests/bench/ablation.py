@@ -46,7 +46,7 @@ def levers(count, *more):
     return ["--preset", "paper", "--add", ",".join(LEVERS[:count] + list(more))]
 
 
-PAPER_ROW, DEFAULT_ROW = "paper", "+ half size first (default)"
+PAPER_ROW, DEFAULT_ROW = "paper", "+ finds confirmed (default)"
 ROWS = [  # label, bundle, arguments of panofix-runtime localize: one lever a row
     (PAPER_ROW, "paper", ["--preset", "paper"]),
     ("+ CLAHE", "clahe", ["--preset", "paper"]),
@@ -64,6 +64,7 @@ ROWS = [  # label, bundle, arguments of panofix-runtime localize: one lever a ro
     ("+ guided", "default", levers(6, "guided")),
     ("+ tracking", "default", levers(6, "guided", "tracking")),
     ("+ bridging", "default", levers(6, "guided", "tracking", "bridging")),
+    ("+ half size first", "default", levers(6, "guided", "tracking", "bridging", "coarse")),
     (DEFAULT_ROW, "default", []),
     ("paper, whole map each frame", "paper", ["--preset", "paper", "--add", "exhaustive"]),
     ("default, whole map each frame", "default", ["--add", "exhaustive"]),

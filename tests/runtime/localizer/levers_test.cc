@@ -27,9 +27,9 @@ TEST(ResolveLevers, PresetsAreTheEndsOfTheLadder) {
   const Levers paper = ResolveLevers("paper", {}), all = ResolveLevers("default", {});
   EXPECT_FALSE(paper.mutual || paper.ranked || paper.pooled || paper.sigmas || paper.gates ||
                paper.votes || paper.guided || paper.tracking || paper.bridging || paper.coarse ||
-               paper.exhaustive);
+               paper.confirm || paper.exhaustive);
   EXPECT_TRUE(all.mutual && all.ranked && all.pooled && all.sigmas && all.gates && all.votes &&
-              all.guided && all.tracking && all.bridging && all.coarse);
+              all.guided && all.tracking && all.bridging && all.coarse && all.confirm);
   EXPECT_FALSE(all.exhaustive);
 }
 

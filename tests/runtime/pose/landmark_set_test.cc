@@ -97,8 +97,9 @@ TEST(CollectLandmarks, AreReadyForTheSearch) {
     EXPECT_LE((ready.match.point_in_map - local_from_anchor * landmark.point_in_pano).norm(), 1e-9);
     // On the walls.
     EXPECT_NEAR(std::abs(ready.match.point_in_map.x()), 7, kFloat_m);
-    EXPECT_NEAR(ready.match.range_sigma_in_map.norm() / (0.02 * ready.match.lever_in_map.norm()), 1,
-                kHalfStep);
+    EXPECT_NEAR(ready.match.range_sigma_in_map.norm() /
+                    (std::hypot(0.02, kPlaneRangeShare) * ready.match.lever_in_map.norm()),
+                1, kHalfStep);
     EXPECT_EQ(double{ready.size_m}, double{static_cast<float>(landmark.size_m)});
     EXPECT_EQ(double{ready.angle_deg}, double{static_cast<float>(landmark.angle_deg)});
     EXPECT_LE((ready.up_in_local - Eigen::Vector3f::UnitZ()).norm(), 1e-6F);
