@@ -190,6 +190,7 @@ void Localizer::Forget() {
   impl_->last_is_distinct = false;
   impl_->last_in_map.reset();
   impl_->coarse_pause = 0;
+  impl_->next_coarse_pause = Impl::kShortPause;
   impl_->places.Reset();
   impl_->last_retrieved.clear();
   impl_->has_last_frame = false;

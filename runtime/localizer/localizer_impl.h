@@ -40,6 +40,7 @@ class Stopwatch {
 };
 
 [[nodiscard]] PlaceGraph PlaceGraphOf(const MapBundle& bundle);
+[[nodiscard]] PoseOptions CoarseOptions(PoseOptions options);
 
 // What the localizers of one map share.
 struct OpenMap {
@@ -66,6 +67,7 @@ struct Localizer::Impl {
         camera(cam),
         options(localizer_options),
         pose_options(PoseOptionsFor(levers, *bundle, cam, options.seed)),
+        coarse_options(CoarseOptions(pose_options)),
         paper_options(PaperOptionsFor(levers, cam, options.seed)) {
     if (!levers.tracking) matcher.emplace(bundle, cam, paper_options);
     if (options.num_threads > 0) {
@@ -82,6 +84,7 @@ struct Localizer::Impl {
     identity.num_views = bundle->views().size();
   }
 
+  static constexpr int kShortPause = 4, kLongPause = 32;
   enum class Detail { kFull, kCoarse };
   FrameFeatures ExtractFeatures(const GrayImage& image, Detail detail, StageLatency* latency) const;
   BagOfWords MakeBag(const GrayImage& image, const FrameFeatures& features,
@@ -90,7 +93,8 @@ struct Localizer::Impl {
   [[nodiscard]] LocalFrame LocalOfSeeds() const;  // where history has seeds
   [[nodiscard]] bool CanTrack() const;
   // The pose that the predictions lead to.
-  PoseOutcome Follow(const FrameFeatures& features, const LocalFrame& local, FrameResult* result);
+  PoseOutcome Follow(const FrameFeatures& features, Detail detail, const LocalFrame& local,
+                     FrameResult* result);
   bool Track(const FrameFeatures& features, FrameResult* result);
   // The same at half the frame's size, where the last frames were sure so.
   bool TrackCoarse(const GrayImage& image, FrameResult* result);
@@ -98,7 +102,8 @@ struct Localizer::Impl {
   // is not taken, as there is a better one.
   enum class Bridging { kAny, kSure };
   bool Bridge(const FrameFeatures& features, Bridging bridging, FrameResult* result);
-  [[nodiscard]] PoseContext Context(const FrameFeatures& features, const LocalFrame& local) const;
+  [[nodiscard]] PoseContext Context(const FrameFeatures& features, const LocalFrame& local,
+                                    Detail detail = Detail::kFull) const;
   // Panoramas that hold most of the belief; empty where it is spread too far.
   [[nodiscard]] std::vector<std::uint32_t> Window() const;
   RetrievalResult Retrieve(const RetrievalQuery& query, const std::vector<std::uint32_t>& window,
@@ -145,6 +150,8 @@ struct Localizer::Impl {
   Camera camera;
   LocalizerOptions options;
   PoseOptions pose_options;
+  PoseOptions
+      coarse_options;  // of what is looked at at half its size: all of it is, where in doubt
   PaperOptions paper_options;
   std::optional<PaperMatcher> matcher;        // where nothing is tracked
   std::vector<std::uint32_t> last_retrieved;  // views around which it looks next
@@ -155,7 +162,9 @@ struct Localizer::Impl {
   CalibrationWatch calibration;
   RivalWatch rivals;
   FindWatch finds;
-  int coarse_pause = 0;           // frames until half the size is tried again
+  // Frames until half the size is tried again, and after the next time that it leaves doubt:
+  // streets that show little are long.
+  int coarse_pause = 0, next_coarse_pause = kShortPause;
   bool last_is_distinct = false;  // of the last pose in history
   PastFrames past;
   RecentFrames recent;

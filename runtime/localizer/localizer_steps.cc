@@ -36,6 +36,11 @@ PlaceGraph PlaceGraphOf(const MapBundle& bundle) {
   return graph;
 }
 
+PoseOptions CoarseOptions(PoseOptions options) {
+  options.use_wide = false;
+  return options;
+}
+
 FrameFeatures Localizer::Impl::ExtractFeatures(const GrayImage& image, Detail detail,
                                                StageLatency* latency) const {
   Stopwatch watch;
@@ -82,16 +87,16 @@ bool Localizer::Impl::CanTrack() const {
          !history.seeds().empty();
 }
 
-PoseOutcome Localizer::Impl::Follow(const FrameFeatures& features, const LocalFrame& local,
-                                    FrameResult* result) {
+PoseOutcome Localizer::Impl::Follow(const FrameFeatures& features, Detail detail,
+                                    const LocalFrame& local, FrameResult* result) {
   Stopwatch watch;
-  PoseOutcome outcome = TrackPose(Context(features, local), Predict(result->timestamp_ns, local));
+  PoseOutcome outcome =
+      TrackPose(Context(features, local, detail), Predict(result->timestamp_ns, local));
   result->latency.pose_ms += watch.Lap();
   return outcome;
 }
 
 bool Localizer::Impl::TrackCoarse(const GrayImage& image, FrameResult* result) {
-  constexpr int kPause = 4;
   // Rivals are compared on all that a frame shows.
   if (!levers.coarse || !CanTrack() || !history.HasRecentFix() || rivals.IsDue() ||
       rivals.IsAmbiguous()) {
@@ -103,9 +108,13 @@ bool Localizer::Impl::TrackCoarse(const GrayImage& image, FrameResult* result) {
   }
   const FrameFeatures features = ExtractFeatures(image, Detail::kCoarse, &result->latency);
   const LocalFrame local = LocalOfSeeds();
-  const PoseOutcome outcome = Follow(features, local, result);
-  if (IsSure(outcome, pose_options)) return Accept(features, outcome, local, result);
-  coarse_pause = kPause;
+  const PoseOutcome outcome = Follow(features, Detail::kCoarse, local, result);
+  if (IsSure(outcome, pose_options)) {
+    next_coarse_pause = kShortPause;
+    return Accept(features, outcome, local, result);
+  }
+  coarse_pause = next_coarse_pause;
+  next_coarse_pause = std::min(kLongPause, 2 * next_coarse_pause);
   return false;
 }
 
@@ -113,7 +122,7 @@ bool Localizer::Impl::TrackCoarse(const GrayImage& image, FrameResult* result) {
 bool Localizer::Impl::Track(const FrameFeatures& features, FrameResult* result) {
   if (!CanTrack()) return false;
   const LocalFrame local = LocalOfSeeds();
-  const PoseOutcome outcome = Follow(features, local, result);
+  const PoseOutcome outcome = Follow(features, Detail::kFull, local, result);
   if (!outcome.trusted || outcome.degraded) return false;
   if (outcome.num_inliers < pose_options.weak_inliers &&
       IsDistinct(features, outcome, local, result) && Bridge(features, Bridging::kSure, result)) {
@@ -147,8 +156,10 @@ bool Localizer::Impl::Bridge(const FrameFeatures& features, Bridging bridging,
   return true;
 }
 
-PoseContext Localizer::Impl::Context(const FrameFeatures& features, const LocalFrame& local) const {
-  PoseContext context{features, camera, *bundle, stations, local, pose_options, nullptr};
+PoseContext Localizer::Impl::Context(const FrameFeatures& features, const LocalFrame& local,
+                                     Detail detail) const {
+  const PoseOptions& how = detail == Detail::kCoarse ? coarse_options : pose_options;
+  PoseContext context{features, camera, *bundle, stations, local, how, nullptr};
   // Only a fix speaks for a place; likeness alone would speak for a look-alike too.
   if (levers.tracking && history.HasRecentFix() && last_is_distinct) {
     context.prior = [this](const Eigen::Vector3d& position_in_map) {

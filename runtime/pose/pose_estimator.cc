@@ -113,9 +113,9 @@ class Candidates {
     outcome.trusted = outcome.reason.empty();
     LogCandidate(outcome, context_.bundle, context_.local);
     all_.push_back(outcome);
-    if (Worth(outcome, reach) > worth_of_best_) {
+    if (Worth(outcome, reach) > Worth(best_, reach_of_best_)) {
       best_ = outcome;
-      worth_of_best_ = Worth(outcome, reach);
+      reach_of_best_ = reach;
     }
   }
 
@@ -161,7 +161,7 @@ class Candidates {
   const KeypointGrid grid_;
   const Scene scene_;
   PoseOutcome best_;
-  std::tuple<bool, bool, double, int> worth_of_best_ = {};
+  Reach reach_of_best_ = Reach::kNear;
   std::vector<PoseOutcome> all_;
 };
 
@@ -284,22 +284,27 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
 }
 
 PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& predictions) {
+  const PoseOptions& options = context.options;
   Candidates candidates(context, "no_consensus");
   PoseOutcome& best = candidates.best();
-  for (const Rigid3& prediction : predictions) {
-    const double radius_px = context.options.around_px;
-    ConsiderAround(context, prediction, radius_px, {}, &candidates);
-    if (context.options.use_wide && best.num_inliers < context.options.weak_inliers)
-      ConsiderAround(context, prediction, radius_px, {}, &candidates, Reach::kWide);
-    if (!best.trusted) continue;
-    if ((CentreOf(best.cam_from_local) - CentreOf(prediction)).norm() <
-        context.options.max_track_shift_m) {
-      break;
-    }
+  const auto refuse_jump = [&](const Rigid3& prediction) {
+    const double shift_m = (CentreOf(best.cam_from_local) - CentreOf(prediction)).norm();
+    if (!best.trusted || shift_m < options.max_track_shift_m) return;
     best.trusted = false;
     best.reason = "jump";
+  };
+  std::size_t used = 0;
+  for (std::size_t i = 0; i < predictions.size() && !best.trusted; ++i) {
+    ConsiderAround(context, predictions[i], options.around_px, {}, &candidates);
+    refuse_jump(predictions[i]);
+    if (best.trusted) used = i;
   }
-  if (best.trusted) DegradeDoubtful(context.options, &best);
+  if (options.use_wide && !predictions.empty() && best.num_inliers < options.weak_inliers) {
+    // From the prediction anew: a biased pose would hold on to what suits it.
+    ConsiderAround(context, predictions[used], options.around_px, {}, &candidates, Reach::kWide);
+    refuse_jump(predictions[used]);
+  }
+  if (best.trusted) DegradeDoubtful(options, &best);
   return best;
 }
 
