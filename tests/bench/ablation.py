@@ -193,6 +193,9 @@ def main():
     parser.add_argument("--towns", default=",".join(TOWNS), help="of " + ", ".join(TOWNS))
     parser.add_argument("--panoramas", default="12", help="a town (default 12)")
     parser.add_argument("--frames", default="24", help="a town (default 24)")
+    parser.add_argument("--only", choices=BUNDLES, metavar="BUNDLE",
+                        help="measure the rows on one bundle (" + ", ".join(BUNDLES) +
+                        "); the others stay as an earlier run in OUT left them, the plots too")
     parser.add_argument("--readme", action="store_true",
                         help="also put table and plots into tests/bench")
     args = parser.parse_args()
@@ -204,7 +207,14 @@ def main():
     for folder in ("towns", "bundles", "poses"):
         (args.out / folder).mkdir(parents=True, exist_ok=True)
     results, runs_of = {}, {}
+    earlier = args.out / "ablation.json"
+    if args.only and not earlier.exists():
+        parser.error(f"--only: {earlier} is not there; run without it first")
+    before = json.loads(earlier.read_text(encoding="utf-8")) if args.only else {}
     for number, (label, bundle, arguments) in enumerate(ROWS):
+        if args.only not in (None, bundle):
+            results[label] = before[label]
+            continue
         runs_of[label] = [bench.row(town, number, bundle, arguments) for town in towns]
         results[label] = summarize(runs_of[label])
         for town, run_ in zip(towns, runs_of[label]):
@@ -212,7 +222,8 @@ def main():
             results[label][town] = f"{100 * score['share_fix']:.0f} % / {score['num_false_fixes']}"
     (args.out / "ablation.md").write_text(table(results), encoding="utf-8")
     (args.out / "ablation.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
-    figures.write(args.out, {"paper": runs_of[PAPER_ROW], "default": runs_of[DEFAULT_ROW]})
+    if not args.only:
+        figures.write(args.out, {"paper": runs_of[PAPER_ROW], "default": runs_of[DEFAULT_ROW]})
     print(table(results), end="")
     if args.readme:
         keep_in_readme(here, args.out, table(results))
