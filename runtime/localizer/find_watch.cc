@@ -33,21 +33,24 @@ int FindWatch::CountAlong(const Find& first) const {
   return static_cast<int>(std::count_if(finds_.begin(), finds_.end(), [&](const Find& find) {
     const double share = SecondsBetween(first.timestamp_ns, find.timestamp_ns) / duration_s;
     const Eigen::Vector3d expected = first.map_from_cam.translation + share * way;
-    return find.is_firm &&
+    return find.is_firm && share >= 0 &&
            (find.map_from_cam.translation - expected).norm() <= options_.max_off_m &&
            AngleBetween(find.map_from_cam.rotation,
                         from.slerp(share, last.map_from_cam.rotation)) <= options_.max_turn_rad;
   }));
 }
 
-std::vector<Rigid3> FindWatch::Last(std::size_t most) const {
-  std::vector<Rigid3> last;
-  for (auto find = finds_.rbegin(); find != finds_.rend() && last.size() < most; ++find)
-    last.push_back(find->map_from_cam);
-  return last;
+std::vector<Rigid3> FindWatch::Before(std::int64_t now_ns, std::size_t most) const {
+  std::vector<Rigid3> before;
+  for (auto find = finds_.rbegin(); find != finds_.rend() && before.size() < most; ++find) {
+    if (find->timestamp_ns < now_ns) before.push_back(find->map_from_cam);
+  }
+  return before;
 }
 
 void FindWatch::Add(std::int64_t now_ns, const Rigid3& map_from_cam, bool is_firm) {
+  // A frame does not confirm itself.
+  if (!finds_.empty() && finds_.back().timestamp_ns == now_ns) finds_.pop_back();
   finds_.push_back({now_ns, map_from_cam, is_firm});
 }
 

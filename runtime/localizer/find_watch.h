@@ -27,14 +27,14 @@ class FindWatch {
   // Forgets what is too old for a frame at `now_ns`, all where time runs backwards. Call it first
   // for each frame.
   void Advance(std::int64_t now_ns);
-  // A find of the frame at `now_ns` that is not sure, as map_from_cam (metres); `is_firm`: it may
-  // confirm others.
+  // A find of the frame at `now_ns` that is not sure, as map_from_cam (metres), in place of one
+  // that the same frame gave before; `is_firm`: it may confirm others.
   void Add(std::int64_t now_ns, const Rigid3& map_from_cam, bool is_firm);
   // Whether the last find lies with enough of the firm ones, itself included, and with half of them
   // at least, along one motion.
   [[nodiscard]] bool IsConfirmed() const;
-  // map_from_cam of the last `most` finds, latest first.
-  [[nodiscard]] std::vector<Rigid3> Last(std::size_t most) const;
+  // map_from_cam of the last `most` finds before `now_ns`, latest first.
+  [[nodiscard]] std::vector<Rigid3> Before(std::int64_t now_ns, std::size_t most) const;
 
  private:
   struct Find {

@@ -56,7 +56,7 @@ const std::vector<Lever>& AllLevers() {
        &Levers::confirm,
        {"tracking"},
        "a find that is not sure is looked at with the landmarks of more stations, and taken where "
-       "the finds of a second lie along one motion"},
+       "three finds of two seconds lie along one motion"},
       {"exhaustive",
        &Levers::exhaustive,
        {},

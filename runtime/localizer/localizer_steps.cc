@@ -211,7 +211,7 @@ PoseOutcome Localizer::Impl::Solve(const FrameFeatures& features, const Retrieva
   latency->matching_ms += watch.Lap();
   constexpr std::size_t kLastFinds = 2;
   PoseContext context = Context(features, *local);
-  for (const Rigid3& find : finds.Last(kLastFinds))
+  for (const Rigid3& find : finds.Before(last_frame_ns, kLastFinds))
     context.last_finds.push_back(CamFromLocal(find, *local));
   PoseOutcome outcome = EstimatePose(context, matches);
   latency->pose_ms += watch.Lap();

@@ -162,7 +162,7 @@ PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solutio
     outcome.coverage = SupportedShare(near);
     solution = Adjust(scene, pool, solution.cam_from_local, options);
     if (!solution.success) break;
-    MatchPool found, of_near = retrieved;
+    MatchPool found, of_near = reach == Reach::kNear ? retrieved : MatchPool{};
     found.Append(guided.matches);
     of_near.Append(near.matches);
     outcome.agreement =

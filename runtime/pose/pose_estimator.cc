@@ -300,9 +300,11 @@ PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& pre
     if (best.trusted) used = i;
   }
   if (options.use_wide && !predictions.empty() && best.num_inliers < options.weak_inliers) {
+    const PoseOutcome near = best;
     // From the prediction anew: a biased pose would hold on to what suits it.
     ConsiderAround(context, predictions[used], options.around_px, {}, &candidates, Reach::kWide);
     refuse_jump(predictions[used]);
+    if (near.trusted && !best.trusted) best = near;
   }
   if (best.trusted) DegradeDoubtful(options, &best);
   return best;

@@ -107,7 +107,8 @@ struct PoseOutcome {
   bool unconfirmed = false;  // not trusted only because one frame alone is too little evidence
   int num_inliers = 0;       // distinct keypoints
   int num_firm = 0;          // matches that agree, of landmarks that no depth plane places
-  // Of these with matches of retrieved views or the nearest stations; 0 without guided matching.
+  // Of these with matches of the nearest stations (and of retrieved views, where the pose was not
+  // made of more stations); 0 without guided matching.
   int num_near_inliers = 0;
   double support = 0;  // share of visible landmarks found beyond chance; 0 without guided matching
   double over_chance = 0;         // landmarks found over those found in decoy windows

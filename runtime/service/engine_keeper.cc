@@ -98,6 +98,7 @@ Status EngineKeeper::StartOpening(const Camera& camera) {
   if (opening_.wait_for(kOpeningPatience) == std::future_status::ready) return TakeOpened();
   before_ = std::move(engine_);
   engine_ = std::make_unique<LoadingEngine>(camera);
+  MakeSpare();
   LogInfo("the map is being opened; until then frames are answered \"map_loading\"");
   return {};
 }
@@ -110,7 +111,10 @@ Status EngineKeeper::TakeOpened() {
     LogInfo(Describe(engine_->bundle()));
     return {};
   }
-  if (before_) engine_ = std::move(before_);
+  if (before_) {
+    engine_ = std::move(before_);
+    MakeSpare();
+  }
   if (generation_ == 0) return opened.status();
   refused_ = opening_camera_;
   confirmed_.reset();  // it was the other's

@@ -131,6 +131,9 @@ void RequestServer::Impl::Run() {
       if (error.num() == EINTR) continue;
       Log(LogLevel::kError, endpoint + ": no more requests are answered: " + error.what());
       return;
+    } catch (const std::exception& error) {
+      // Of the request itself: AnswerOrSayWhyNot. This one's sender gets no answer.
+      Log(LogLevel::kError, endpoint + ": a request is lost: " + error.what());
     }
   }
 }

@@ -10,6 +10,7 @@ namespace panofix {
 namespace {
 
 constexpr std::int64_t kFrame_ns = 100'000'000;
+constexpr std::int64_t kLater_ns = std::numeric_limits<std::int64_t>::max();
 constexpr double kStep_m = 0.8;  // between frames
 
 Eigen::Quaterniond Turned(double yaw_deg) {
@@ -61,6 +62,20 @@ TEST(FindWatch, AMinorityConfirmsNothing) {
     EXPECT_FALSE(Find(&watch, frame, OnTheWay(frame, asides_m[frame]))) << frame;
 }
 
+// In its window, then in the whole map: two finds of one frame are one.
+TEST(FindWatch, AFrameDoesNotConfirmItself) {
+  FindWatch watch;
+  EXPECT_FALSE(Find(&watch, 0, OnTheWay(0, 3)));
+  EXPECT_FALSE(Find(&watch, 1, OnTheWay(1)));
+  watch.Add(kFrame_ns, OnTheWay(1, 0.05), true);
+  EXPECT_FALSE(watch.IsConfirmed());
+  EXPECT_EQ(watch.Before(kFrame_ns, 9).size(), 1U);
+  EXPECT_FALSE(Find(&watch, 2, OnTheWay(2)));
+  watch.Add(2 * kFrame_ns, OnTheWay(2, 0.05), true);
+  EXPECT_FALSE(watch.IsConfirmed());
+  EXPECT_TRUE(Find(&watch, 3, OnTheWay(3)));
+}
+
 // A camera that stands still repeats its error.
 TEST(FindWatch, ACameraAtRestConfirmsNothing) {
   FindWatch watch;
@@ -89,21 +104,21 @@ TEST(FindWatch, ForgetsWhatIsOldOrLater) {
   static_cast<void>(Find(&watch, 0, OnTheWay(0)));
   static_cast<void>(Find(&watch, 1, OnTheWay(1)));
   EXPECT_FALSE(Find(&watch, 40, OnTheWay(40)));  // beyond max_age_s
-  EXPECT_EQ(watch.Last(9).size(), 1U);
+  EXPECT_EQ(watch.Before(kLater_ns, 9).size(), 1U);
   EXPECT_FALSE(Find(&watch, 39, OnTheWay(39)));  // time runs backwards
-  EXPECT_EQ(watch.Last(9).size(), 1U);
+  EXPECT_EQ(watch.Before(kLater_ns, 9).size(), 1U);
   watch.Advance(std::numeric_limits<std::int64_t>::min());
-  EXPECT_TRUE(watch.Last(9).empty());
+  EXPECT_TRUE(watch.Before(kLater_ns, 9).empty());
   watch.Add(std::numeric_limits<std::int64_t>::min(), OnTheWay(0), true);
   watch.Advance(std::numeric_limits<std::int64_t>::max());
-  EXPECT_TRUE(watch.Last(9).empty());
+  EXPECT_TRUE(watch.Before(kLater_ns, 9).empty());
 }
 
-TEST(FindWatch, TellsTheLastFindsLatestFirst) {
+TEST(FindWatch, TellsTheFindsBeforeLatestFirst) {
   FindWatch watch;
   for (int frame = 0; frame < 3; ++frame)
     static_cast<void>(Find(&watch, frame, OnTheWay(frame), frame != 1));
-  const std::vector<Rigid3> last = watch.Last(2);
+  const std::vector<Rigid3> last = watch.Before(kLater_ns, 2);
   ASSERT_EQ(last.size(), 2U);
   EXPECT_EQ(last[0].translation, OnTheWay(2).translation);
   EXPECT_EQ(last[1].translation, OnTheWay(1).translation);

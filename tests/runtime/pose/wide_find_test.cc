@@ -63,6 +63,7 @@ TEST(WideFind, LooksWhereTheLastFindsWere) {
   context.last_finds = {Street().CamFromLocal(kPlace - Eigen::Vector3d(0.1, 0.8, 0), 9)};
   const PoseOutcome outcome = EstimatePose(context, {});
   ASSERT_TRUE(outcome.found) << outcome.reason;
+  EXPECT_GT(outcome.num_inliers, outcome.num_near_inliers);
   EXPECT_THAT(outcome.cam_from_local.Inverse(),
               Rigid3Near(Street().CamFromLocal(kPlace, 10).Inverse(), kTol_rad, kTol_m));
 }
