@@ -10,11 +10,11 @@
 namespace panofix {
 
 struct FindWatchOptions {
-  double max_age_s = 2;         // finds further back say nothing of a motion at one speed
-  int min_finds = 3;            // along the motion, the last one included
-  double max_off_m = 0.3;       // of a find from the motion
-  double max_turn_rad = 0.025;  // likewise
-  double min_way_m = 0.5;       // a camera at rest sees the same wrong pose again and again
+  double max_age_s = 2;        // finds further back say nothing of a motion at one speed
+  int min_finds = 3;           // along the motion, the last one included
+  double max_off_m = 0.3;      // of a find from the motion
+  double max_turn_rad = 0.06;  // likewise: vehicles nod and roll by a degree or two
+  double min_way_m = 0.5;      // a camera at rest sees the same wrong pose again and again
   double max_speed_m_per_s = 40;
   double max_turn_rate_rad_per_s = 0.8;
 };

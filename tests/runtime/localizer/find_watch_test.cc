@@ -38,7 +38,7 @@ TEST(FindWatch, ConfirmsFindsAlongOneMotion) {
 }
 
 TEST(FindWatch, LeavesOutAFindThatIsOff) {
-  for (const Rigid3& off : {OnTheWay(1, 1.5), OnTheWay(1, 0, 3)}) {
+  for (const Rigid3& off : {OnTheWay(1, 1.5), OnTheWay(1, 0, 5)}) {
     FindWatch watch;
     EXPECT_FALSE(Find(&watch, 0, OnTheWay(0)));
     EXPECT_FALSE(Find(&watch, 1, off));
