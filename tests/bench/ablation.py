@@ -213,6 +213,9 @@ def main():
     before = json.loads(earlier.read_text(encoding="utf-8")) if args.only else {}
     for number, (label, bundle, arguments) in enumerate(ROWS):
         if args.only not in (None, bundle):
+            if list(before.get(label, {}))[-len(towns):] != towns:
+                sys.exit(f"ablation.py: --only: {earlier} has no row '{label}' of these towns; "
+                         "run without it first")
             results[label] = before[label]
             continue
         runs_of[label] = [bench.row(town, number, bundle, arguments) for town in towns]
