@@ -30,6 +30,10 @@ std::atomic<int> num_refused{0};
   if (void* memory = std::malloc(num_bytes > 0 ? num_bytes : 1)) return memory;
   throw std::bad_alloc();
 }
+// std::stable_sort's; what one of these takes, the others free.
+[[gnu::noinline]] void* operator new(std::size_t num_bytes, const std::nothrow_t&) noexcept {
+  return std::malloc(num_bytes > 0 ? num_bytes : 1);
+}
 [[gnu::noinline]] void operator delete(void* memory) noexcept { std::free(memory); }
 [[gnu::noinline]] void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 
