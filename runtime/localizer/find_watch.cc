@@ -2,22 +2,11 @@
 
 #include <algorithm>
 
+#include "common/base/time_window.h"
+
 namespace panofix {
-namespace {
 
-double SecondsBetween(std::int64_t from_ns, std::int64_t to_ns) {
-  // Not subtracted as integers: times from outside may be anything.
-  return 1e-9 * static_cast<double>(to_ns) - 1e-9 * static_cast<double>(from_ns);
-}
-
-}  // namespace
-
-void FindWatch::Advance(std::int64_t now_ns) {
-  if (!finds_.empty() && now_ns <= finds_.back().timestamp_ns) finds_.clear();
-  std::erase_if(finds_, [&](const Find& find) {
-    return SecondsBetween(find.timestamp_ns, now_ns) > options_.max_age_s;
-  });
-}
+void FindWatch::Advance(std::int64_t now_ns) { ForgetOld(now_ns, options_.max_age_s, &finds_); }
 
 int FindWatch::CountAlong(const Find& first) const {
   const Find& last = finds_.back();

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "common/base/time_window.h"
+
 namespace panofix {
 namespace {
 
@@ -14,10 +16,8 @@ double Seconds(std::int64_t duration_ns) { return 1e-9 * static_cast<double>(dur
 
 void FixHistory::Advance(std::int64_t now_ns) {
   if (seeds_.empty() && poses_.empty()) return;
-  // Compared before they are subtracted: times from outside may be anything.
   const bool forward = now_ns > last_fix_ns_;
-  const double age_s =
-      static_cast<double>(now_ns) * 1e-9 - static_cast<double>(last_fix_ns_) * 1e-9;
+  const double age_s = SecondsBetween(last_fix_ns_, now_ns);
   if (!forward || age_s > options_.prediction_age_s) poses_.clear();
   if (!forward || age_s > options_.window_age_s) seeds_.clear();
 }

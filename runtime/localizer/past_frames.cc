@@ -2,15 +2,12 @@
 
 #include <utility>
 
+#include "common/base/time_window.h"
+
 namespace panofix {
 
 void PastFrames::Advance(std::int64_t now_ns, double max_age_s) {
-  // Compared before they are subtracted: times from outside may be anything.
-  if (!fixes_.empty() && now_ns <= fixes_.back().timestamp_ns) fixes_.clear();
-  std::erase_if(fixes_, [&](const Fix& fix) {
-    return 1e-9 * static_cast<double>(now_ns) - 1e-9 * static_cast<double>(fix.timestamp_ns) >
-           max_age_s;
-  });
+  ForgetOld(now_ns, max_age_s, &fixes_);
 }
 
 void PastFrames::Add(std::int64_t now_ns, const Rigid3& map_from_cam,

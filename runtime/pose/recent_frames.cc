@@ -7,6 +7,7 @@
 #include <cmath>
 #include <optional>
 
+#include "common/base/time_window.h"
 #include "common/geometry/attitude.h"
 
 namespace panofix {
@@ -161,12 +162,7 @@ PanoramaPrior PriorOf(const Matrix6d& covariance) {
 }  // namespace
 
 void RecentFrames::Advance(std::int64_t now_ns) {
-  // Compared before they are subtracted: times from outside may be anything.
-  if (!keyframes_.empty() && now_ns <= keyframes_.back().timestamp_ns) keyframes_.clear();
-  std::erase_if(keyframes_, [&](const Keyframe& k) {
-    return 1e-9 * static_cast<double>(now_ns) - 1e-9 * static_cast<double>(k.timestamp_ns) >
-           options_.max_age_s;
-  });
+  ForgetOld(now_ns, options_.max_age_s, &keyframes_);
 }
 
 void RecentFrames::Add(std::int64_t now_ns, const Rigid3& map_from_cam, const PoseOutcome& outcome,
