@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -24,6 +25,16 @@ namespace panofix {
 
 enum class MinimalSolver { kP3p, kEpnp };
 
+// What is known of a pose before the search, in a map frame whose z is up. The bound on tilt is a
+// gravity prior.
+struct PoseBounds {
+  Rigid3 cam_from_map;      // roughly
+  double max_distance_m;    // of the camera from there, across the ground
+  double max_height_off_m;  // above or below
+  double max_tilt_rad;      // between the verticals, as the camera sees them
+  [[nodiscard]] bool Hold(const Rigid3& pose_cam_from_map) const;
+};
+
 struct RansacOptions {
   MinimalSolver minimal_solver = MinimalSolver::kP3p;  // kEpnp draws 5: the paper's EPnP-RANSAC
   double max_reproj_error_px = 3.0;                    // inlier threshold in pixels
@@ -33,6 +44,7 @@ struct RansacOptions {
   double success_probability = 0.9999;  // ends early once an all-inlier sample is this likely
   int min_inliers = 6;                  // below it there is no pose
   int local_optimizations = 4;          // LO-RANSAC rounds on each new best; 0 = plain RANSAC
+  std::optional<PoseBounds> bounds;     // samples' poses beyond them are left out
   std::uint64_t seed = 1;
   void Check() const;  // throws std::invalid_argument naming field, value, rule
 };

@@ -93,6 +93,7 @@ class PoseRansac {
   void Offer(const Rigid3& cam_from_map, Hypothesis* best) const;
   void OptimizeLocally(Hypothesis* best);
   void Finish(Hypothesis* best) const;
+  [[nodiscard]] bool IsWithinBounds(const Rigid3& cam_from_map) const;
   [[nodiscard]] int IterationsNeeded(std::size_t num_inliers) const;
   [[nodiscard]] int SampleSize() const {
     const int wanted = options_.minimal_solver == MinimalSolver::kP3p ? 3 : 5;
@@ -274,6 +275,13 @@ void PoseRansac::Finish(Hypothesis* best) const {
   }
 }
 
+bool PoseRansac::IsWithinBounds(const Rigid3& cam_from_map) const {
+  if (!options_.bounds) return true;
+  Rigid3 pose = cam_from_map;
+  pose.translation -= pose.rotation * centre_;
+  return options_.bounds->Hold(pose);
+}
+
 int PoseRansac::IterationsNeeded(std::size_t num_inliers) const {
   const double share = static_cast<double>(num_inliers) / static_cast<double>(matches_.size());
   const double all_inliers = std::pow(share, SampleSize());
@@ -298,7 +306,9 @@ RansacResult PoseRansac::Run() {
     ++tried;
     SolveSample(&poses);
     const float before = best.cost;
-    for (const Rigid3& pose : poses) Offer(pose, &best);
+    for (const Rigid3& pose : poses) {
+      if (IsWithinBounds(pose)) Offer(pose, &best);
+    }
     if (!(best.cost < before)) continue;
     found = true;
     OptimizeLocally(&best);
@@ -318,6 +328,15 @@ RansacResult PoseRansac::Run() {
 }
 
 }  // namespace
+
+bool PoseBounds::Hold(const Rigid3& pose_cam_from_map) const {
+  const Eigen::Vector3d shift =
+      pose_cam_from_map.Inverse().translation - cam_from_map.Inverse().translation;
+  const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  const double cos_tilt = (pose_cam_from_map.rotation * up).dot(cam_from_map.rotation * up);
+  return shift.head<2>().norm() <= max_distance_m && std::abs(shift.z()) <= max_height_off_m &&
+         std::acos(std::clamp(cos_tilt, -1.0, 1.0)) <= max_tilt_rad;
+}
 
 void RansacOptions::Check() const {
   Require(max_reproj_error_px > 0 && std::isfinite(max_reproj_error_px), "max_reproj_error_px",

@@ -201,6 +201,53 @@ TEST(EstimatePoseRansac, HostileNumbersAreNeverInliers) {
   EXPECT_FALSE(EstimatePoseRansac(world.matches, {}).success);
 }
 
+// Two thirds of the matches speak for one pose, a third for another.
+struct TwoPoses {
+  Rigid3 many, few;  // cam_from_map
+  std::vector<Correspondence> matches;
+};
+TwoPoses MakeTwoPoses(const Rigid3& many_from_few) {
+  const SyntheticPose world = MakeSyntheticPose(Noisy(120, 0), 3);
+  TwoPoses result{many_from_few * world.cam_from_map, world.cam_from_map, world.matches};
+  for (std::size_t i = 0; i < result.matches.size(); ++i) {
+    const Eigen::Vector3d x = result.many * result.matches[i].point_in_map;
+    if (i % 3 != 0 && x.z() > 0.1) result.matches[i].bearing_in_cam = x.head<2>() / x.z();
+  }
+  return result;
+}
+// The better supported pose without bounds, the other one within.
+void ExpectBoundsToDecide(const TwoPoses& world, const PoseBounds& bounds) {
+  RansacOptions options;
+  const auto is_at = [](const Rigid3& pose) { return Rigid3Near(pose.Inverse(), 0.035, 0.25); };
+  EXPECT_THAT(EstimatePoseRansac(world.matches, options).cam_from_map.Inverse(), is_at(world.many));
+  options.bounds = bounds;
+  const RansacResult bounded = EstimatePoseRansac(world.matches, options);
+  EXPECT_TRUE(bounded.success);
+  EXPECT_THAT(bounded.cam_from_map.Inverse(), is_at(world.few));
+}
+
+constexpr double kAny = 1e9;
+
+TEST(EstimatePoseRansac, DistanceIsBounded) {
+  const TwoPoses world = MakeTwoPoses(Rigid3(Eigen::Quaterniond::Identity(), {3, -3, 3}));
+  Rigid3 rough = world.few;
+  rough.translation.x() += 0.5;
+  ExpectBoundsToDecide(world, {rough, 1.5, kAny, kAny});
+}
+
+TEST(EstimatePoseRansac, HeightIsBounded) {
+  const TwoPoses world = MakeTwoPoses(Rigid3(
+      Eigen::Quaterniond::Identity(),
+      -4 * (MakeSyntheticPose(Noisy(120, 0), 3).cam_from_map.rotation * Eigen::Vector3d::UnitZ())));
+  ExpectBoundsToDecide(world, {world.few, kAny, 2, kAny});
+}
+
+TEST(EstimatePoseRansac, TiltIsBounded) {
+  const Eigen::Quaterniond rolled(Eigen::AngleAxisd(0.6, Eigen::Vector3d::UnitZ()));
+  const TwoPoses world = MakeTwoPoses(Rigid3(rolled, Eigen::Vector3d::Zero()));
+  ExpectBoundsToDecide(world, {world.few, kAny, kAny, 0.3});
+}
+
 TEST(RansacOptions, CheckNamesFieldValueAndRule) {
   RansacOptions options;
   EXPECT_NO_THROW(options.Check());
