@@ -9,7 +9,7 @@ namespace {
 void OpenGates(int min_inliers, PoseOptions* options) {
   constexpr double kAny = std::numeric_limits<double>::infinity();
   options->min_inliers = min_inliers;
-  options->min_spread = options->min_lead = 0;
+  options->min_spread = options->min_lead = options->min_clear_lead = 0;
   options->max_position_sigma_m = options->fix_position_sigma_m = kAny;
   options->max_chi2_per_dof = options->max_height_off_m = kAny;
   options->max_tilt_deg = options->max_distance_m = kAny;

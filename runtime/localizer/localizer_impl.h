@@ -84,7 +84,7 @@ struct Localizer::Impl {
     identity.num_views = bundle->views().size();
   }
 
-  static constexpr int kShortPause = 4, kLongPause = 32;
+  static constexpr int kShortPause = 4, kLongPause = 8;
   enum class Detail { kFull, kCoarse };
   FrameFeatures ExtractFeatures(const GrayImage& image, Detail detail, StageLatency* latency) const;
   BagOfWords MakeBag(const GrayImage& image, const FrameFeatures& features,

@@ -278,8 +278,7 @@ bool Localizer::Impl::IsDistinct(const FrameFeatures& features, const PoseOutcom
       PlacesElsewhere(features, outcome.cam_from_local, local);
   result->latency.retrieval_ms += watch.Lap();
   result->num_compared = result->num_database;
-  const double elsewhere =
-      SupportElsewhere(Context(features, local), outcome.cam_from_local, places_elsewhere);
+  const double elsewhere = SupportElsewhere(Context(features, local), outcome, places_elsewhere);
   result->latency.pose_ms += watch.Lap();
   rivals.Add(outcome.support, std::max(elsewhere, outcome.rival_support));
   LogDebug(

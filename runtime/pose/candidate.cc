@@ -4,6 +4,8 @@
 #include <map>
 #include <set>
 
+#include "common/geometry/attitude.h"
+
 namespace panofix {
 namespace {
 
@@ -221,9 +223,19 @@ PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
   return other.found && other.support > outcome.support ? other : outcome;
 }
 
-RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options) {
+PoseBounds BoundsAround(const Rigid3& rough, double max_distance_m, const PoseOptions& options) {
+  // Three matches fix a pose less well than all of them: what refits would bring in stays in.
+  constexpr double kSlack = 2;
+  return {rough, max_distance_m, kSlack * options.max_height_off_m,
+          kSlack * options.max_tilt_deg * kRadPerDeg};
+}
+
+RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options,
+                           const std::optional<PoseBounds>& bounds) {
   RansacOptions ransac = options.ransac;
   ransac.minimal_solver = MinimalSolver::kP3p;
+  ransac.bounds = bounds;
+  if (bounds) ransac.max_iterations = options.bounded_iterations;
   return EstimatePoseRansac(pool.matches, ransac);
 }
 

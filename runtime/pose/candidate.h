@@ -1,8 +1,10 @@
 #pragma once
 // From a hypothesis to a candidate pose: refinement, guided rounds, local bundle adjustment.
 
+#include <optional>
 #include <set>
 
+#include "common/estimate/pnp.h"
 #include "common/map/map_bundle.h"
 #include "runtime/pose/match_pool.h"
 #include "runtime/pose/pose_options.h"
@@ -42,8 +44,15 @@ enum class Reach { kNear, kWide };
                                        const MatchPool& retrieved, const PoseOptions& options,
                                        Reach reach = Reach::kNear);
 
-// LO-RANSAC with the minimal solver over matches of any number of views.
-[[nodiscard]] RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options);
+// Where a search looks for a camera known to lie within `max_distance_m` of a rough pose: twice
+// what the gates allow in height and tilt.
+[[nodiscard]] PoseBounds BoundsAround(const Rigid3& rough, double max_distance_m,
+                                      const PoseOptions& options);
+
+// LO-RANSAC with the minimal solver over matches of any number of views; bounded, it takes
+// options.bounded_iterations.
+[[nodiscard]] RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options,
+                                         const std::optional<PoseBounds>& bounds = {});
 
 // Matches of the landmarks that a predicted pose would show, each looked for within `radius_px`.
 [[nodiscard]] MatchPool MatchNear(const Scene& scene, const Rigid3& cam_from_local,

@@ -49,7 +49,9 @@ std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, cons
   if (outcome.num_inliers < options.min_inliers) return "too_few_inliers";
   // Comparisons are written so that NaN fails.
   if (!(outcome.spread >= options.min_spread)) return "inliers_clustered";
-  if (outcome.num_inliers < options.min_lead * outcome.num_elsewhere) return "ambiguous_place";
+  const double lead =
+      outcome.num_elsewhere < options.min_inliers ? options.min_lead : options.min_clear_lead;
+  if (outcome.num_inliers < lead * outcome.num_elsewhere) return "ambiguous_place";
   if (options.use_guided && !HasPlenty(outcome, options) &&
       !(outcome.support >= options.min_support && outcome.over_chance >= options.min_over_chance)) {
     return "landmarks_missing";

@@ -47,6 +47,7 @@ bool IsRepeat(const Rigid3& pose, const std::vector<Rigid3>& poses, double dista
 
 // A pose that nothing foretold needs more evidence than one that was.
 bool IsSureFind(const PoseOutcome& outcome, const PoseOptions& options) {
+  if (std::min(outcome.num_firm, outcome.num_inliers) >= options.find_firm) return true;
   return outcome.num_near_inliers >= options.find_inliers &&
          outcome.support >= options.find_support &&
          (outcome.over_chance >= options.find_over_chance || HasPlenty(outcome, options)) &&
@@ -133,10 +134,16 @@ class Candidates {
            AngleBetween(pose.rotation, from.rotation) > context_.options.elsewhere_rad;
   }
 
-  // Of a few landmarks even a large share is no rival.
-  [[nodiscard]] bool IsRival(const PoseOutcome& other, const Rigid3& pose) const {
-    return other.num_inliers >= context_.options.min_inliers &&
-           IsElsewhere(other.cam_from_local, pose);
+  // Of a few landmarks, or of a cluster, even a large share is no rival. A rival is made of near
+  // landmarks: of a pose made of wide ones the near part is compared.
+  [[nodiscard]] bool IsRival(const PoseOutcome& other, const PoseOutcome& own) const {
+    const PoseOptions& options = context_.options;
+    const double own_firm =
+        double(own.num_firm) * own.num_near_inliers / std::max(1, own.num_inliers);
+    const bool is_part = own_firm >= options.min_firm / 2.0 &&
+                         other.num_firm < options.min_rival_firm_share * own_firm;
+    return other.num_inliers >= options.min_inliers && other.spread >= options.min_spread &&
+           !is_part && IsElsewhere(other.cam_from_local, own.cam_from_local);
   }
 
   // The best `most` candidates so far that may be told from another, by inliers.
@@ -176,6 +183,21 @@ void ConsiderAround(const PoseContext& context, const Rigid3& rough, double radi
   candidates->Consider({found.cam_from_map, num_keypoints}, pool, rivals, reach);
 }
 
+// The same around a retrieved view's own pose, a rough one of the camera. More stations agree on
+// where to look; what speaks for the pose is counted among the nearest, as ever.
+void ConsiderAtView(const PoseContext& context, const Rigid3& rough,
+                    const std::vector<Hypothesis>& rivals, Candidates* candidates) {
+  const PoseOptions& options = context.options;
+  const MatchPool wide = MatchNear(candidates->scene(), rough, options.around_view_px, options,
+                                   options.use_wide ? Reach::kWide : Reach::kNear);
+  const RansacResult found =
+      FindConsensus(wide, options, BoundsAround(rough, options.around_view_m, options));
+  if (!found.success) return;
+  const MatchPool near =
+      MatchNear(candidates->scene(), found.cam_from_map, options.around_px, options);
+  candidates->Consider({found.cam_from_map, 0}, near, rivals);
+}
+
 // Look-alikes: what would the landmarks of the other places say?
 void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>& views,
                      const std::vector<Hypothesis>& hypotheses, const MatchPool& pool,
@@ -208,8 +230,7 @@ void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>&
   }
   PoseOutcome& best = candidates->best();
   for (const PoseOutcome& c : candidates->all()) {
-    if (candidates->IsRival(c, best.cam_from_local) &&
-        candidates->IsOpen(c.cam_from_local, best.cam_from_local))
+    if (candidates->IsRival(c, best) && candidates->IsOpen(c.cam_from_local, best.cam_from_local))
       best.rival_support = std::max(best.rival_support, c.support);
   }
   if (best.rival_support > options.max_rival_share * best.support) {
@@ -225,6 +246,10 @@ void PoseOptions::Check() const {
   if (min_view_inliers < 4) {
     throw std::invalid_argument(
         Format("min_view_inliers = %d; must be at least 4", min_view_inliers));
+  }
+  if (bounded_iterations < ransac.min_iterations) {
+    throw std::invalid_argument(Format("bounded_iterations = %d; must be at least %d",
+                                       bounded_iterations, ransac.min_iterations));
   }
   if (min_inliers < 6)
     throw std::invalid_argument(Format("min_inliers = %d; must be at least 6", min_inliers));
@@ -261,14 +286,15 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
     if (static_cast<int>(tried_poses.size()) == options.max_view_poses) break;
     if (IsRepeat(rough, tried_poses, kNextStation_m, kNextView_rad)) continue;
     tried_poses.push_back(rough);
-    ConsiderAround(context, rough, options.around_view_px, hypotheses, &candidates);
+    ConsiderAtView(context, rough, hypotheses, &candidates);
   }
   PoseOutcome& best = candidates.best();
   constexpr std::size_t kMostWide = 2;
   const bool is_doubtful = !best.trusted || !IsSureFind(best, options);
   if (options.use_guided && options.use_wide && is_doubtful) {
     for (const Hypothesis& start : candidates.Starts(kMostWide))
-      candidates.Consider(start, pool, hypotheses, Reach::kWide);
+      ConsiderAround(context, start.cam_from_local, options.around_px / 2, hypotheses, &candidates,
+                     Reach::kWide);
     for (const Rigid3& find : context.last_finds)
       ConsiderAround(context, find, options.around_px, hypotheses, &candidates, Reach::kWide);
   }
@@ -310,14 +336,14 @@ PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& pre
   return best;
 }
 
-double SupportElsewhere(const PoseContext& context, const Rigid3& pose,
+double SupportElsewhere(const PoseContext& context, const PoseOutcome& own,
                         const std::vector<Rigid3>& roughs) {
   Candidates candidates(context, "no_consensus");
   for (const Rigid3& rough : roughs)
     ConsiderAround(context, rough, context.options.around_view_px, {}, &candidates);
   double support = 0;
   for (const PoseOutcome& c : candidates.all()) {
-    if (candidates.IsRival(c, pose)) support = std::max(support, c.support);
+    if (candidates.IsRival(c, own)) support = std::max(support, c.support);
   }
   return support;
 }

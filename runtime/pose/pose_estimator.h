@@ -40,10 +40,10 @@ struct PoseContext {
 [[nodiscard]] PoseOutcome TrackPose(const PoseContext& context,
                                     const std::vector<Rigid3>& predictions);
 
-// The highest support among poses that lie elsewhere than `pose`, searched around `roughs`
+// The highest support among poses that lie elsewhere than `own`, searched around `roughs`
 // (cam_from_local). Where the map has a second of what the frame shows, as high as the pose's own.
 // The past has no say in it: it may have led astray.
-[[nodiscard]] double SupportElsewhere(const PoseContext& context, const Rigid3& pose,
+[[nodiscard]] double SupportElsewhere(const PoseContext& context, const PoseOutcome& own,
                                       const std::vector<Rigid3>& roughs);
 
 }  // namespace panofix

@@ -30,22 +30,27 @@ struct PoseOptions {
   bool use_wide = true;
   double around_px = 130;  // window around a prediction: a turn of some degrees, a metre or two
   double around_view_px =
-      300;                   // and around a retrieved view's own pose: half the step between views
-  int max_view_poses = 5;    // retrieved views whose poses are tried so
-  int min_view_inliers = 8;  // consensus that makes a view's pose a hypothesis
-  int min_inliers = 16;      // distinct keypoints that agree with the final pose
-  double min_spread = 0.05;  // of the inliers over the image: 1 = uniform (see ImageSpread)
-  double min_lead = 1.5;     // inliers over those of the best pose elsewhere: look-alikes end here
-  double elsewhere_m = 4.0;  // what counts as elsewhere
-  double elsewhere_rad = 1;  // or as another direction: a street may look alike from both ends
+      300;                    // and around a retrieved view's own pose: half the step between views
+  double around_view_m = 15;  // and how far a camera may be from there
+  int bounded_iterations = 8000;  // of a search there: few matches of many may be right
+  int max_view_poses = 5;         // retrieved views whose poses are tried so
+  int min_view_inliers = 8;       // consensus that makes a view's pose a hypothesis
+  int min_inliers = 16;           // distinct keypoints that agree with the final pose
+  double min_spread = 0.05;       // of the inliers over the image: 1 = uniform (see ImageSpread)
+  double min_lead = 1.5;      // inliers over those of the best pose elsewhere: look-alikes end here
+  double min_clear_lead = 3;  // the same where those elsewhere would do for a pose themselves
+  double elsewhere_m = 4.0;   // what counts as elsewhere
+  double elsewhere_rad = 1;   // or as another direction: a street may look alike from both ends
   double min_prior_share =
       0.05;                  // of the other place's prior: with less, the past rules a rival out
   double rival_place_m = 8;  // places of retrieval so far from each other are asked
   // What a pose must show that no prediction led to.
-  int find_inliers = 30;
+  int find_inliers = 50;
   double find_support = 0.08;
   double find_over_chance = 8;
   double find_coverage = 0.35;
+  // Or so many firm matches: twice what was seen at any wrong pose but look-alikes.
+  int find_firm = 60;
   // Firm matches of finds that may confirm each other; those whose depth is a plane's suit poses a
   // metre or two off.
   int min_firm = 20;
@@ -58,7 +63,10 @@ struct PoseOptions {
   double coarse_position_sigma_m = 0.15;
   double max_track_shift_m = 4;  // of a pose from the prediction that led to it
   double max_rival_share =
-      0.35;               // of the support of a found pose: a rival with more is a look-alike
+      0.2;  // of the support of a found pose: a rival with more is a look-alike
+  // A rival has so many of the found pose's firm matches: a row of equal windows lends a wrong pose
+  // as large a share of the few landmarks it shows, and none of the rest of the picture.
+  double min_rival_firm_share = 0.33;
   int max_rivals = 4;     // poses elsewhere that are looked at
   int guided_rounds = 3;  // searches, each from the pose of the last, in windows half as wide
   // A pose whose support is not this far over chance is compared with poses beside it first.

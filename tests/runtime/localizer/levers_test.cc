@@ -88,6 +88,7 @@ TEST(EstimatorOptions, FollowTheLevers) {
   EXPECT_FALSE(open.use_guided || open.refine.use_point_sigma);
   EXPECT_EQ(open.min_inliers, 13);
   EXPECT_GT(open.max_tilt_deg, 180);
+  EXPECT_EQ(open.min_lead + open.min_clear_lead, 0);
 }
 
 }  // namespace

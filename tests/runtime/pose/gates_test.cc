@@ -47,6 +47,18 @@ TEST(FailedGate, EachFigureHasItsGate) {
   EXPECT_EQ(GateOf([](PoseOutcome* p) { p->chi2_per_dof = 100; }), "residuals_too_large");
 }
 
+// A few keypoints elsewhere are chance; as many as make a pose are a street that repeats itself.
+TEST(FailedGate, PosesElsewhereAskForMoreLead) {
+  const PoseOptions o;
+  const auto gate_of = [](int num_inliers, int num_elsewhere) {
+    return GateOf(
+        [&](PoseOutcome* p) { p->num_inliers = num_inliers, p->num_elsewhere = num_elsewhere; });
+  };
+  EXPECT_EQ(gate_of(2 * (o.min_inliers - 1), o.min_inliers - 1), "");
+  EXPECT_EQ(gate_of(2 * o.min_inliers, o.min_inliers), "ambiguous_place");
+  EXPECT_EQ(gate_of(3 * o.min_inliers, o.min_inliers), "");
+}
+
 TEST(IsSure, EachDoubtAsksForTheWholeFrame) {
   const PoseOptions o;
   const auto is_sure = [&](const std::function<void(PoseOutcome*)>& change) {

@@ -21,8 +21,7 @@ Supports Ask(const SyntheticStreet& street, const Eigen::Vector3d& rough, double
   const PoseContext context = street.Context(frame, options);
   const PoseOutcome own = TrackPose(context, {truth});
   EXPECT_TRUE(own.trusted) << own.reason;
-  return {own.support,
-          SupportElsewhere(context, own.cam_from_local, {street.CamFromLocal(rough, heading_deg)})};
+  return {own.support, SupportElsewhere(context, own, {street.CamFromLocal(rough, heading_deg)})};
 }
 
 const SyntheticStreet& Twins() {
@@ -34,6 +33,20 @@ TEST(SupportElsewhere, ATwinHasAsMuch) {
   const Eigen::Vector3d beside_twin = kTwin + Eigen::Vector3d(-0.3, 0.8, 0);
   const Supports supports = Ask(Twins(), beside_twin, kHeading_deg + 4);
   EXPECT_GT(supports.elsewhere, 0.7 * supports.own);
+}
+
+// A row of equal windows lends a place a part of what the right pose shows, however large its share
+// of the little to be seen there.
+TEST(SupportElsewhere, APartOfTheFirmMatchesIsNoRival) {
+  PoseOptions options;
+  options.ransac.focal_px = Twins().camera().fx_px;
+  const FrameFeatures frame = Twins().Frame(Twins().CamFromLocal(kPlace, kHeading_deg), 0.5, 100);
+  const PoseContext context = Twins().Context(frame, options);
+  PoseOutcome own = TrackPose(context, {Twins().CamFromLocal(kPlace, kHeading_deg)});
+  const std::vector<Rigid3> twin = {Twins().CamFromLocal(kTwin, kHeading_deg)};
+  EXPECT_GT(SupportElsewhere(context, own, twin), 0);
+  own.num_firm += 1000;  // more than any place here has
+  EXPECT_EQ(SupportElsewhere(context, own, twin), 0);
 }
 
 TEST(SupportElsewhere, AStreetOfItsOwnHasNone) {
@@ -51,9 +64,10 @@ TEST(SupportElsewhere, ThePlaceItselfIsNotElsewhere) {
 TEST(SupportElsewhere, NowhereToAskIsNoRival) {
   PoseOptions options;
   options.ransac.focal_px = Street().camera().fx_px;
-  const Rigid3 truth = Street().CamFromLocal(kPlace, kHeading_deg);
-  const FrameFeatures frame = Street().Frame(truth, 0.5, 100);
-  EXPECT_EQ(SupportElsewhere(Street().Context(frame, options), truth, {}), 0);
+  PoseOutcome own;
+  own.cam_from_local = Street().CamFromLocal(kPlace, kHeading_deg);
+  const FrameFeatures frame = Street().Frame(own.cam_from_local, 0.5, 100);
+  EXPECT_EQ(SupportElsewhere(Street().Context(frame, options), own, {}), 0);
 }
 
 }  // namespace

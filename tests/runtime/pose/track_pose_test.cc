@@ -7,8 +7,8 @@
 namespace panofix {
 namespace {
 
-// Half a pixel of noise over some 200 landmarks; landmarks are exact, but their ranges count as known
-// to a tenth.
+// Half a pixel of noise over some 200 landmarks; landmarks are exact, but their ranges count as
+// known to a tenth.
 constexpr double kPixelSigma = 0.5, kTol_m = 0.05, kTol_rad = 0.006;
 
 PoseOptions Options() {

@@ -43,6 +43,17 @@ TEST(WideFind, TakesMoreStationsAndCountsTheNearestAlone) {
               Rigid3Near(Street().CamFromLocal(kPlace, 10).Inverse(), kTol_rad, kTol_m));
 }
 
+TEST(WideFind, FirmMatchesMakeItSure) {
+  const FrameFeatures frame = SomeFrame();
+  PoseOptions options = Options();
+  options.find_inliers = 10'000;
+  const auto views = Street().Match(frame, 0, 5);
+  const PoseOutcome weak = EstimatePose(Street().Context(frame, options), views);
+  EXPECT_TRUE(weak.unconfirmed && !weak.trusted) << weak.reason;
+  options.find_firm = weak.num_firm;
+  EXPECT_TRUE(EstimatePose(Street().Context(frame, options), views).trusted);
+}
+
 TEST(WideFind, ASureFindIsLeftAsItIs) {
   const FrameFeatures frame = SomeFrame();
   PoseOptions options = Options();
