@@ -134,16 +134,21 @@ class Candidates {
            AngleBetween(pose.rotation, from.rotation) > context_.options.elsewhere_rad;
   }
 
-  // Of a few landmarks, or of a cluster, even a large share is no rival. A rival is made of near
-  // landmarks: of a pose made of wide ones the near part is compared.
+  // Of a few landmarks even a large share is no rival; nor is what would be no sure find itself and
+  // is a cluster, or has but a part of the pose's firm matches. A rival is made of near landmarks:
+  // of a pose made of wide ones the near part is compared.
   [[nodiscard]] bool IsRival(const PoseOutcome& other, const PoseOutcome& own) const {
     const PoseOptions& options = context_.options;
+    if (other.num_inliers < options.min_inliers ||
+        !IsElsewhere(other.cam_from_local, own.cam_from_local)) {
+      return false;
+    }
+    if (other.num_inliers >= options.find_inliers) return true;
     const double own_firm =
         double(own.num_firm) * own.num_near_inliers / std::max(1, own.num_inliers);
     const bool is_part = own_firm >= options.min_firm / 2.0 &&
                          other.num_firm < options.min_rival_firm_share * own_firm;
-    return other.num_inliers >= options.min_inliers && other.spread >= options.min_spread &&
-           !is_part && IsElsewhere(other.cam_from_local, own.cam_from_local);
+    return !is_part && other.spread >= options.min_spread;
   }
 
   // The best `most` candidates so far that may be told from another, by inliers.

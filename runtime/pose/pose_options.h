@@ -64,8 +64,9 @@ struct PoseOptions {
   double max_track_shift_m = 4;  // of a pose from the prediction that led to it
   double max_rival_share =
       0.2;  // of the support of a found pose: a rival with more is a look-alike
-  // A rival has so many of the found pose's firm matches: a row of equal windows lends a wrong pose
-  // as large a share of the few landmarks it shows, and none of the rest of the picture.
+  // A rival of under find_inliers has so many of the found pose's firm matches: a row of equal
+  // windows lends a wrong pose as large a share of the few landmarks it shows, and none of the rest
+  // of the picture.
   double min_rival_firm_share = 0.33;
   int max_rivals = 4;     // poses elsewhere that are looked at
   int guided_rounds = 3;  // searches, each from the pose of the last, in windows half as wide
