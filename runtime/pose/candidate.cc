@@ -235,7 +235,6 @@ RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options,
   RansacOptions ransac = options.ransac;
   ransac.minimal_solver = MinimalSolver::kP3p;
   ransac.bounds = bounds;
-  if (bounds) ransac.max_iterations = options.bounded_iterations;
   return EstimatePoseRansac(pool.matches, ransac);
 }
 

@@ -49,8 +49,7 @@ enum class Reach { kNear, kWide };
 [[nodiscard]] PoseBounds BoundsAround(const Rigid3& rough, double max_distance_m,
                                       const PoseOptions& options);
 
-// LO-RANSAC with the minimal solver over matches of any number of views; bounded, it takes
-// options.bounded_iterations.
+// LO-RANSAC with the minimal solver over matches of any number of views.
 [[nodiscard]] RansacResult FindConsensus(const MatchPool& pool, const PoseOptions& options,
                                          const std::optional<PoseBounds>& bounds = {});
 

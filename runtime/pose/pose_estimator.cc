@@ -15,6 +15,7 @@ namespace panofix {
 namespace {
 
 constexpr double kAnyTurn_rad = 4;
+constexpr const char* kAmbiguous = "ambiguous_place";
 
 // A pose a view that reaches consensus, and one of all views together.
 std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, const MatchPool& pool,
@@ -240,7 +241,7 @@ void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>&
   }
   if (best.rival_support > options.max_rival_share * best.support) {
     best.trusted = false;
-    best.reason = "ambiguous_place";
+    best.reason = kAmbiguous;
   }
 }
 
@@ -251,10 +252,6 @@ void PoseOptions::Check() const {
   if (min_view_inliers < 4) {
     throw std::invalid_argument(
         Format("min_view_inliers = %d; must be at least 4", min_view_inliers));
-  }
-  if (bounded_iterations < ransac.min_iterations) {
-    throw std::invalid_argument(Format("bounded_iterations = %d; must be at least %d",
-                                       bounded_iterations, ransac.min_iterations));
   }
   if (min_inliers < 6)
     throw std::invalid_argument(Format("min_inliers = %d; must be at least 6", min_inliers));
@@ -283,9 +280,12 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
     if (candidates.best().trusted && candidates.best().over_chance >= options.sure_over_chance)
       break;
   }
+  // A strong pose with a second elsewhere: more of the map tells no more of this frame.
+  const bool repeats = candidates.best().reason == kAmbiguous &&
+                       candidates.best().num_inliers >= options.find_inliers;
   std::vector<Rigid3> tried_poses;
-  for (std::size_t i = 0; options.use_guided && !candidates.best().trusted && i < views.size();
-       ++i) {
+  for (std::size_t i = 0;
+       options.use_guided && !repeats && !candidates.best().trusted && i < views.size(); ++i) {
     // A retrieved view's own pose is a rough one of the camera.
     const Rigid3 rough = PoseOfView(context.bundle, context.local, views[i].view_idx);
     if (static_cast<int>(tried_poses.size()) == options.max_view_poses) break;
@@ -294,8 +294,8 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
     ConsiderAtView(context, rough, hypotheses, &candidates);
   }
   PoseOutcome& best = candidates.best();
-  constexpr std::size_t kMostWide = 2;
-  const bool is_doubtful = !best.trusted || !IsSureFind(best, options);
+  constexpr std::size_t kMostWide = 1;
+  const bool is_doubtful = !repeats && (!best.trusted || !IsSureFind(best, options));
   if (options.use_guided && options.use_wide && is_doubtful) {
     for (const Hypothesis& start : candidates.Starts(kMostWide))
       ConsiderAround(context, start.cam_from_local, options.around_px / 2, hypotheses, &candidates,

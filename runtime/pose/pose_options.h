@@ -32,11 +32,10 @@ struct PoseOptions {
   double around_view_px =
       300;                    // and around a retrieved view's own pose: half the step between views
   double around_view_m = 15;  // and how far a camera may be from there
-  int bounded_iterations = 8000;  // of a search there: few matches of many may be right
-  int max_view_poses = 5;         // retrieved views whose poses are tried so
-  int min_view_inliers = 8;       // consensus that makes a view's pose a hypothesis
-  int min_inliers = 16;           // distinct keypoints that agree with the final pose
-  double min_spread = 0.05;       // of the inliers over the image: 1 = uniform (see ImageSpread)
+  int max_view_poses = 5;     // retrieved views whose poses are tried so
+  int min_view_inliers = 8;   // consensus that makes a view's pose a hypothesis
+  int min_inliers = 16;       // distinct keypoints that agree with the final pose
+  double min_spread = 0.05;   // of the inliers over the image: 1 = uniform (see ImageSpread)
   double min_lead = 1.5;      // inliers over those of the best pose elsewhere: look-alikes end here
   double min_clear_lead = 3;  // the same where those elsewhere would do for a pose themselves
   double elsewhere_m = 4.0;   // what counts as elsewhere
