@@ -280,8 +280,8 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
     if (candidates.best().trusted && candidates.best().over_chance >= options.sure_over_chance)
       break;
   }
-  // A strong pose with a second elsewhere: more of the map tells no more of this frame.
-  const bool repeats = candidates.best().reason == kAmbiguous &&
+  // A strong pose with a second elsewhere: without a past, more of the map does not tell which.
+  const bool repeats = !context.prior && candidates.best().reason == kAmbiguous &&
                        candidates.best().num_inliers >= options.find_inliers;
   std::vector<Rigid3> tried_poses;
   for (std::size_t i = 0;
