@@ -93,7 +93,10 @@ class PoseRansac {
   void Offer(const Rigid3& cam_from_map, Hypothesis* best) const;
   void OptimizeLocally(Hypothesis* best);
   void Finish(Hypothesis* best) const;
-  [[nodiscard]] bool IsWithinBounds(const Rigid3& cam_from_map) const;
+  [[nodiscard]] Rigid3 Uncentred(const Rigid3& cam_from_centred) const {
+    return {cam_from_centred.rotation,
+            cam_from_centred.translation - cam_from_centred.rotation * centre_};
+  }
   [[nodiscard]] int IterationsNeeded(std::size_t num_inliers) const;
   [[nodiscard]] int SampleSize() const {
     const int wanted = options_.minimal_solver == MinimalSolver::kP3p ? 3 : 5;
@@ -275,13 +278,6 @@ void PoseRansac::Finish(Hypothesis* best) const {
   }
 }
 
-bool PoseRansac::IsWithinBounds(const Rigid3& cam_from_map) const {
-  if (!options_.bounds) return true;
-  Rigid3 pose = cam_from_map;
-  pose.translation -= pose.rotation * centre_;
-  return options_.bounds->Hold(pose);
-}
-
 int PoseRansac::IterationsNeeded(std::size_t num_inliers) const {
   const double share = static_cast<double>(num_inliers) / static_cast<double>(matches_.size());
   const double all_inliers = std::pow(share, SampleSize());
@@ -307,7 +303,7 @@ RansacResult PoseRansac::Run() {
     SolveSample(&poses);
     const float before = best.cost;
     for (const Rigid3& pose : poses) {
-      if (IsWithinBounds(pose)) Offer(pose, &best);
+      if (!options_.bounds || options_.bounds->Hold(Uncentred(pose))) Offer(pose, &best);
     }
     if (!(best.cost < before)) continue;
     found = true;
@@ -317,8 +313,7 @@ RansacResult PoseRansac::Run() {
   if (!found) return result;
   if (options_.local_optimizations > 0) Finish(&best);
   const std::vector<int> inliers = Inliers(best.cam_from_map, threshold_);
-  result.cam_from_map = best.cam_from_map;
-  result.cam_from_map.translation -= best.cam_from_map.rotation * centre_;
+  result.cam_from_map = Uncentred(best.cam_from_map);
   for (const int index : inliers) {
     result.inliers.push_back(source_[static_cast<std::size_t>(index)]);
   }

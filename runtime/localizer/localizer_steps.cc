@@ -327,7 +327,7 @@ bool Localizer::Impl::Accept(const FrameFeatures& features, const PoseOutcome& o
   Remember(features, outcome, is_distinct, result);
   if (!is_distinct) {
     result->status = FixStatus::kNoFix;
-    result->reason = "ambiguous_place";
+    result->reason = kAmbiguousPlace;
     result->pose.reset();
     return true;
   }

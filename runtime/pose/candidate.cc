@@ -211,9 +211,9 @@ double KeypointSpread(const std::set<int>& keypoints, const FrameFeatures& frame
   return ImageSpread(px, camera);
 }
 
-PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
+PoseOutcome CompletePose(const Scene& scene, const Rigid3& cam_from_local,
                          const MatchPool& retrieved, const PoseOptions& options, Reach reach) {
-  const Solution start = Refine(retrieved, hypothesis.cam_from_local, scene.camera.fx_px, options);
+  const Solution start = Refine(retrieved, cam_from_local, scene.camera.fx_px, options);
   PoseOutcome outcome = GuidedRounds(scene, retrieved, start, options, reach);
   if (!options.use_guided || !outcome.found || outcome.over_chance >= options.sure_over_chance)
     return outcome;

@@ -40,7 +40,7 @@ enum class Reach { kNear, kWide };
 
 // Refinement and guided rounds; where these leave doubt, once more from the best supported pose
 // near by. found = false where no pose comes out. Gates are not applied.
-[[nodiscard]] PoseOutcome CompletePose(const Scene& scene, const Hypothesis& hypothesis,
+[[nodiscard]] PoseOutcome CompletePose(const Scene& scene, const Rigid3& cam_from_local,
                                        const MatchPool& retrieved, const PoseOptions& options,
                                        Reach reach = Reach::kNear);
 

@@ -51,7 +51,7 @@ std::string FailedGate(const PoseOutcome& outcome, const MapBundle& bundle, cons
   if (!(outcome.spread >= options.min_spread)) return "inliers_clustered";
   const double lead =
       outcome.num_elsewhere < options.min_inliers ? options.min_lead : options.min_clear_lead;
-  if (outcome.num_inliers < lead * outcome.num_elsewhere) return "ambiguous_place";
+  if (outcome.num_inliers < lead * outcome.num_elsewhere) return kAmbiguousPlace;
   if (options.use_guided && !HasPlenty(outcome, options) &&
       !(outcome.support >= options.min_support && outcome.over_chance >= options.min_over_chance)) {
     return "landmarks_missing";

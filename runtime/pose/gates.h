@@ -11,6 +11,9 @@
 
 namespace panofix {
 
+// The reason of what another place explains nearly as well.
+inline constexpr const char* kAmbiguousPlace = "ambiguous_place";
+
 // Whether a pose is so well supported that its ratio to chance need not be high.
 [[nodiscard]] bool HasPlenty(const PoseOutcome& outcome, const PoseOptions& options);
 

@@ -15,7 +15,6 @@ namespace panofix {
 namespace {
 
 constexpr double kAnyTurn_rad = 4;
-constexpr const char* kAmbiguous = "ambiguous_place";
 
 // A pose a view that reaches consensus, and one of all views together.
 std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, const MatchPool& pool,
@@ -100,9 +99,9 @@ class Candidates {
 
   // `rivals` are hypotheses for the same frame. A wide one is better than all near ones: it rests
   // on more.
-  void Consider(const Hypothesis& hypothesis, const MatchPool& pool,
-                const std::vector<Hypothesis>& rivals, Reach reach = Reach::kNear) {
-    PoseOutcome outcome = CompletePose(scene_, hypothesis, pool, context_.options, reach);
+  void Consider(const Rigid3& start, const MatchPool& pool, const std::vector<Hypothesis>& rivals,
+                Reach reach = Reach::kNear) {
+    PoseOutcome outcome = CompletePose(scene_, start, pool, context_.options, reach);
     if (!outcome.found) return;
     for (const Hypothesis& h : rivals) {
       if (IsElsewhere(h.cam_from_local, outcome.cam_from_local) &&
@@ -152,14 +151,13 @@ class Candidates {
     return !is_part && other.spread >= options.min_spread;
   }
 
-  // The best `most` candidates so far that may be told from another, by inliers.
-  [[nodiscard]] std::vector<Hypothesis> Starts(std::size_t most) const {
-    std::vector<Hypothesis> starts;
-    for (const PoseOutcome& c : all_) {
-      if (c.num_inliers >= context_.options.min_view_inliers)
-        starts.push_back({c.cam_from_local, c.num_inliers});
-    }
-    return DistinctBest(std::move(starts), most);
+  // The pose with most inliers so far, where they make a hypothesis.
+  [[nodiscard]] std::optional<Rigid3> Start() const {
+    const auto most = std::max_element(
+        all_.begin(), all_.end(),
+        [](const PoseOutcome& a, const PoseOutcome& b) { return a.num_inliers < b.num_inliers; });
+    if (most == all_.end() || most->num_inliers < context_.options.min_view_inliers) return {};
+    return most->cam_from_local;
   }
 
  private:
@@ -185,8 +183,7 @@ void ConsiderAround(const PoseContext& context, const Rigid3& rough, double radi
   const MatchPool pool = MatchNear(candidates->scene(), rough, radius_px, context.options, reach);
   const RansacResult found = FindConsensus(pool, context.options);
   if (!found.success) return;
-  const int num_keypoints = CountKeypoints(pool, found.cam_from_map, context.camera.fx_px);
-  candidates->Consider({found.cam_from_map, num_keypoints}, pool, rivals, reach);
+  candidates->Consider(found.cam_from_map, pool, rivals, reach);
 }
 
 // The same around a retrieved view's own pose, a rough one of the camera. More stations agree on
@@ -201,7 +198,7 @@ void ConsiderAtView(const PoseContext& context, const Rigid3& rough,
   if (!found.success) return;
   const MatchPool near =
       MatchNear(candidates->scene(), found.cam_from_map, options.around_px, options);
-  candidates->Consider({found.cam_from_map, 0}, near, rivals);
+  candidates->Consider(found.cam_from_map, near, rivals);
 }
 
 // Look-alikes: what would the landmarks of the other places say?
@@ -220,7 +217,7 @@ void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>&
     if (num_rivals == options.max_rivals) break;
     if (is_known(h.cam_from_local)) continue;
     ++num_rivals;
-    candidates->Consider(h, pool, hypotheses);
+    candidates->Consider(h.cam_from_local, pool, hypotheses);
   }
   // Retrieval knows of places that no consensus has led to.
   std::vector<Rigid3> tried;
@@ -241,7 +238,7 @@ void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>&
   }
   if (best.rival_support > options.max_rival_share * best.support) {
     best.trusted = false;
-    best.reason = kAmbiguous;
+    best.reason = kAmbiguousPlace;
   }
 }
 
@@ -276,12 +273,12 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
   Candidates candidates(context,
                         pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus");
   for (const Hypothesis& hypothesis : DistinctBest(hypotheses, NumWorthy(hypotheses, options))) {
-    candidates.Consider(hypothesis, pool, hypotheses);
+    candidates.Consider(hypothesis.cam_from_local, pool, hypotheses);
     if (candidates.best().trusted && candidates.best().over_chance >= options.sure_over_chance)
       break;
   }
   // A strong pose with a second elsewhere: without a past, more of the map does not tell which.
-  const bool repeats = !context.prior && candidates.best().reason == kAmbiguous &&
+  const bool repeats = !context.prior && candidates.best().reason == kAmbiguousPlace &&
                        candidates.best().num_inliers >= options.find_inliers;
   std::vector<Rigid3> tried_poses;
   for (std::size_t i = 0;
@@ -294,12 +291,11 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
     ConsiderAtView(context, rough, hypotheses, &candidates);
   }
   PoseOutcome& best = candidates.best();
-  constexpr std::size_t kMostWide = 1;
   const bool is_doubtful = !repeats && (!best.trusted || !IsSureFind(best, options));
   if (options.use_guided && options.use_wide && is_doubtful) {
-    for (const Hypothesis& start : candidates.Starts(kMostWide))
-      ConsiderAround(context, start.cam_from_local, options.around_px / 2, hypotheses, &candidates,
-                     Reach::kWide);
+    if (const auto start = candidates.Start()) {
+      ConsiderAround(context, *start, options.around_px / 2, hypotheses, &candidates, Reach::kWide);
+    }
     for (const Rigid3& find : context.last_finds)
       ConsiderAround(context, find, options.around_px, hypotheses, &candidates, Reach::kWide);
   }

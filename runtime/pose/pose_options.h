@@ -48,7 +48,8 @@ struct PoseOptions {
   double find_support = 0.08;
   double find_over_chance = 8;
   double find_coverage = 0.35;
-  // Or so many firm matches: twice what was seen at any wrong pose but look-alikes.
+  // Or so many firm matches, of as many keypoints: twice those of the finds that passed the gates
+  // beyond 5 m of the truth in towns that do not repeat.
   int find_firm = 60;
   // Firm matches of finds that may confirm each other; those whose depth is a plane's suit poses a
   // metre or two off.

@@ -6,19 +6,15 @@
 #include <map>
 #include <optional>
 
-#include "common/drive/drive.h"
-#include "common/map/map_bundle.h"
-#include "runtime/localizer/localizer.h"
+#include "tests/bench/drive_bench.h"
 
 namespace panofix {
 namespace {
 
 constexpr double kFalse_m = 5;  // as in the score of a drive
 
-struct Options {
-  std::filesystem::path bundle, drive;
+struct Options : DriveBenchOptions {
   std::size_t step_frames = 8, most_frames = 25;
-  LocalizerOptions localizer;
 };
 
 struct Start {
@@ -33,9 +29,7 @@ Start FirstFix(const Drive& drive, std::size_t first, const Options& options,
   const std::size_t end = std::min(drive.frames.size(), first + options.most_frames);
   for (std::size_t f = first; f < end; ++f, ++start.num_before) {
     const DriveFrame& frame = drive.frames[f];
-    const auto bytes = ValueOrThrow(ReadFileBytes(frame.image, std::size_t{64} << 20));
-    const FrameResult result =
-        localizer->Localize(frame.timestamp_ns, ValueOrThrow(DecodeGray(bytes)));
+    const FrameResult result = localizer->Localize(frame.timestamp_ns, ReadFrame(frame));
     if (result.status != FixStatus::kFix) continue;
     const MapFrame& map = localizer->map().frame();
     start.error_m = (map.ToMap(result.pose->position) - map.ToMap(drive.truth[f].position)).norm();
@@ -44,7 +38,7 @@ Start FirstFix(const Drive& drive, std::size_t first, const Options& options,
   return start;
 }
 
-int Measure(const Options& options) {
+void Measure(const Options& options) {
   const Drive drive = ValueOrThrow(ReadDrive(options.drive));
   if (drive.truth.size() != drive.frames.size())
     throw std::runtime_error(options.drive.string() + ": has no truth.csv for all its frames");
@@ -71,7 +65,6 @@ int Measure(const Options& options) {
       num_starts, options.most_frames, num_none, num_false);
   for (const auto& [num_before, count] : counts)
     std::printf("fix after %-3zu without      %d\n", num_before, count);
-  return 0;
 }
 
 }  // namespace
@@ -80,21 +73,12 @@ int Measure(const Options& options) {
 int main(int argc, char** argv) {
   CLI::App app("first_fix: frames until the first fix, started anew all along a drive with truth");
   panofix::Options options;
-  app.add_option("--bundle", options.bundle, "the map bundle's folder")->required();
-  app.add_option("--drive", options.drive, "folder with frames.csv, camera.yaml and truth.csv")
-      ->required();
+  panofix::AddTo(&app, "folder with frames.csv, camera.yaml and truth.csv", &options);
   app.add_option("--step", options.step_frames, "frames from start to start")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--most", options.most_frames, "frames after which a start is given up")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
-  app.add_option("--threads", options.localizer.num_threads, "processors to use; 0 = all");
-  CLI11_PARSE(app, argc, argv);
-  try {
-    return panofix::Measure(options);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "first_fix: %s\n", error.what());
-    return 1;
-  }
+  return panofix::RunBench(&app, argc, argv, [&] { panofix::Measure(options); });
 }

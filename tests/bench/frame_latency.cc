@@ -7,17 +7,13 @@
 #include <opencv2/features2d.hpp>
 
 #include "common/base/log.h"
-#include "common/drive/drive.h"
-#include "common/map/map_bundle.h"
-#include "runtime/localizer/localizer.h"
+#include "tests/bench/drive_bench.h"
 
 namespace panofix {
 namespace {
 
-struct Options {
-  std::filesystem::path bundle, drive;
+struct Options : DriveBenchOptions {
   int num_rounds = 3;  // over the drive; the first warms up and is left out
-  LocalizerOptions localizer;
 };
 
 struct FrameCost {
@@ -65,7 +61,7 @@ void PrintTable(const char* name, const std::vector<FrameCost>& costs) {
   row("total", [](const FrameCost& c) { return c.latency.total_ms; });
 }
 
-int Measure(const Options& options) {
+void Measure(const Options& options) {
   const Drive drive = ValueOrThrow(ReadDrive(options.drive));
   std::string id;
   const FeatureOptions features =
@@ -76,8 +72,7 @@ int Measure(const Options& options) {
     const auto localizer =
         ValueOrThrow(Localizer::Open(options.bundle, drive.camera, options.localizer));
     for (const DriveFrame& frame : drive.frames) {
-      const auto bytes = ValueOrThrow(ReadFileBytes(frame.image, std::size_t{64} << 20));
-      const GrayImage image = ValueOrThrow(DecodeGray(bytes));
+      const GrayImage image = ReadFrame(frame);
       const double alone_ms = DetectAndCompute_ms(image, features);
       const FrameResult result = localizer->Localize(frame.timestamp_ns, image);
       if (round == 0 && options.num_rounds > 1) continue;
@@ -87,7 +82,6 @@ int Measure(const Options& options) {
   }
   PrintTable("tracked", tracked);
   PrintTable("looked up", lost);
-  return 0;
 }
 
 }  // namespace
@@ -96,17 +90,9 @@ int Measure(const Options& options) {
 int main(int argc, char** argv) {
   CLI::App app("frame_latency: cost of tracked and of looked-up frames beside SIFT alone");
   panofix::Options options;
-  app.add_option("--bundle", options.bundle, "the map bundle's folder")->required();
-  app.add_option("--drive", options.drive, "folder with frames.csv and camera.yaml")->required();
+  panofix::AddTo(&app, "folder with frames.csv and camera.yaml", &options);
   app.add_option("--rounds", options.num_rounds, "times over the drive; the first warms up")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  app.add_option("--threads", options.localizer.num_threads, "processors to use; 0 = all");
-  CLI11_PARSE(app, argc, argv);
-  try {
-    return panofix::Measure(options);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "frame_latency: %s\n", error.what());
-    return 1;
-  }
+  return panofix::RunBench(&app, argc, argv, [&] { panofix::Measure(options); });
 }
