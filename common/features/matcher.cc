@@ -33,6 +33,13 @@ void DotsPortable(const std::int16_t* a, const std::int16_t* others, std::size_t
 }
 
 #if defined(__x86_64__)
+__attribute__((target("avx2"))) inline int HorizontalSum(__m256i eight) {
+  __m128i sum = _mm_add_epi32(_mm256_castsi256_si128(eight), _mm256_extracti128_si256(eight, 1));
+  sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0x4e));
+  sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0xb1));
+  return _mm_cvtsi128_si32(sum);
+}
+
 __attribute__((target("avx2"))) void DotsAvx2(const std::int16_t* a, const std::int16_t* others,
                                               std::size_t count, int* dots) {
   constexpr std::size_t kWords = kSize / 16;
@@ -49,14 +56,34 @@ __attribute__((target("avx2"))) void DotsAvx2(const std::int16_t* a, const std::
       odd =
           _mm256_add_epi32(odd, _mm256_madd_epi16(query[i + 1], _mm256_loadu_si256(other + i + 1)));
     }
-    const __m256i sum8 = _mm256_add_epi32(even, odd);
-    __m128i sum = _mm_add_epi32(_mm256_castsi256_si128(sum8), _mm256_extracti128_si256(sum8, 1));
-    sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0x4e));
-    sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0xb1));
-    dots[j] = _mm_cvtsi128_si32(sum);
+    dots[j] = HorizontalSum(_mm256_add_epi32(even, odd));
   }
 }
+
+__attribute__((target("avx2"))) int DistanceSqAvx2(const std::uint8_t* a, const std::uint8_t* b) {
+  const __m256i zero = _mm256_setzero_si256();
+  __m256i low = zero, high = zero;
+  for (std::size_t i = 0; i < kSize; i += 32) {
+    const __m256i x = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(a + i));
+    const __m256i y = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(b + i));
+    // Saturated differences: one of the two is the absolute one, the other 0.
+    const __m256i d = _mm256_or_si256(_mm256_subs_epu8(x, y), _mm256_subs_epu8(y, x));
+    const __m256i d0 = _mm256_unpacklo_epi8(d, zero), d1 = _mm256_unpackhi_epi8(d, zero);
+    low = _mm256_add_epi32(low, _mm256_madd_epi16(d0, d0));
+    high = _mm256_add_epi32(high, _mm256_madd_epi16(d1, d1));
+  }
+  return HorizontalSum(_mm256_add_epi32(low, high));
+}
 #endif
+
+int DistanceSqPortable(const std::uint8_t* a, const std::uint8_t* b) {
+  int sum = 0;
+  for (std::size_t i = 0; i < kSize; ++i) {
+    const int d = int{a[i]} - int{b[i]};
+    sum += d * d;
+  }
+  return sum;
+}
 
 using DotsFunction = void (*)(const std::int16_t*, const std::int16_t*, std::size_t, int*);
 
@@ -65,6 +92,15 @@ DotsFunction SelectDots() {
   if (__builtin_cpu_supports("avx2")) return DotsAvx2;
 #endif
   return DotsPortable;
+}
+
+using DistanceFunction = int (*)(const std::uint8_t*, const std::uint8_t*);
+
+DistanceFunction SelectDistance() {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2")) return DistanceSqAvx2;
+#endif
+  return DistanceSqPortable;
 }
 
 }  // namespace
@@ -76,30 +112,8 @@ void MatchOptions::Check() const {
 }
 
 int DescriptorDistanceSq(const std::uint8_t* a, const std::uint8_t* b) {
-#if defined(__SSE2__)
-  const __m128i zero = _mm_setzero_si128();
-  __m128i low = zero, high = zero;
-  for (std::size_t i = 0; i < kSize; i += 16) {
-    const __m128i x = _mm_loadu_si128(reinterpret_cast<const __m128i*>(a + i));
-    const __m128i y = _mm_loadu_si128(reinterpret_cast<const __m128i*>(b + i));
-    // Saturated differences: one of the two is the absolute one, the other 0.
-    const __m128i d = _mm_or_si128(_mm_subs_epu8(x, y), _mm_subs_epu8(y, x));
-    const __m128i d0 = _mm_unpacklo_epi8(d, zero), d1 = _mm_unpackhi_epi8(d, zero);
-    low = _mm_add_epi32(low, _mm_madd_epi16(d0, d0));
-    high = _mm_add_epi32(high, _mm_madd_epi16(d1, d1));
-  }
-  __m128i sums = _mm_add_epi32(low, high);
-  sums = _mm_add_epi32(sums, _mm_shuffle_epi32(sums, 0x4e));
-  sums = _mm_add_epi32(sums, _mm_shuffle_epi32(sums, 0xb1));
-  return _mm_cvtsi128_si32(sums);
-#else
-  int sum = 0;
-  for (std::size_t i = 0; i < kSize; ++i) {
-    const int d = int{a[i]} - int{b[i]};
-    sum += d * d;
-  }
-  return sum;
-#endif
+  static const DistanceFunction distance_of = SelectDistance();
+  return distance_of(a, b);
 }
 
 std::vector<FeatureMatch> MatchDescriptors(std::span<const std::uint8_t> query,

@@ -31,6 +31,7 @@ bool Localizer::Impl::IsLate(FrameResult* result) {
 }
 
 void Localizer::Impl::Run(const GrayImage& frame, FrameResult* result) {
+  votes.clear();
   if (IsLate(result)) return;
   Stopwatch watch;
   const GrayImage image = Preprocess(frame, bundle->manifest().features);

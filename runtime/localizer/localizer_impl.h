@@ -121,7 +121,7 @@ struct Localizer::Impl {
   // Poses of the views elsewhere that the frame's landmarks speak for, most votes first.
   [[nodiscard]] std::vector<Rigid3> PlacesElsewhere(const FrameFeatures& features,
                                                     const Rigid3& cam_from_local,
-                                                    const LocalFrame& local) const;
+                                                    const LocalFrame& local);
   // A fix of a camera whose calibration is doubted is degraded.
   void DegradeMiscalibrated(FrameResult* result) const;
   // Keeps a pose for the next frames.
@@ -168,7 +168,8 @@ struct Localizer::Impl {
   bool last_is_distinct = false;  // of the last pose in history
   PastFrames past;
   RecentFrames recent;
-  TimeIsUp time_is_up;  // of the frame at work
+  TimeIsUp time_is_up;       // of the frame at work
+  std::vector<float> votes;  // of the frame at work, where the whole map was searched for it
 };
 
 }  // namespace panofix

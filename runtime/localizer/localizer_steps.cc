@@ -190,6 +190,7 @@ RetrievalResult Localizer::Impl::Retrieve(const RetrievalQuery& query,
     std::vector<float> similarity;
     retrieved = retrieval.Global(query, &similarity);
     if (!similarity.empty()) places.UpdateSimilarity(similarity);
+    votes = std::move(retrieved.votes);
   }
   result->latency.retrieval_ms += watch.Lap();
   // Distinct views: a window lies within the whole map.
@@ -236,8 +237,8 @@ void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local,
 
 std::vector<Rigid3> Localizer::Impl::PlacesElsewhere(const FrameFeatures& features,
                                                      const Rigid3& cam_from_local,
-                                                     const LocalFrame& local) const {
-  const std::vector<float> votes = retrieval.Votes(features.sift, features.bearings, camera);
+                                                     const LocalFrame& local) {
+  if (votes.empty()) votes = retrieval.Votes(features.sift, features.bearings, camera);
   std::vector<std::pair<float, std::uint32_t>> elsewhere;
   std::vector<Rigid3> poses;
   const auto is_near = [&](const Rigid3& a, const Rigid3& b) {

@@ -130,7 +130,7 @@ PoseOutcome BridgePose(const PoseContext& context, const RecentPoints& recent,
   best.reason = "too_few_matches";
   if (recent.points.size() < kFewestPoints) return best;
   best.reason = "no_consensus";
-  const KeypointGrid grid(context.frame, context.camera);
+  const KeypointGrid grid(context.frame.sift, context.camera);
   for (const Rigid3& prediction : predictions) {
     const RefineResult found = FindByRecent(context, grid, recent, prediction);
     if (!found.success) continue;

@@ -31,26 +31,14 @@ double SearchRadius_px(const Search& search, const Correspondence& landmark) {
   return std::clamp(radius_px, search.options.min_radius_px, search.options.max_radius_px);
 }
 
-// Whether a keypoint may show what is predicted, descriptors apart.
-bool IsShapedLike(const Keypoint& keypoint, double size_px, double angle_deg,
-                  const GuidedOptions& options) {
-  const double ratio = double{keypoint.size_px} / size_px;
-  return ratio <= options.max_scale_ratio && ratio * options.max_scale_ratio >= 1 &&
-         std::abs(AngleDifferenceDeg(double{keypoint.angle_deg}, angle_deg)) <=
-             options.max_turn_deg;
-}
-
 // Index of the frame keypoint that shows the landmark, or -1.
 int FindKeypoint(const Search& search, const Eigen::Vector2d& px, double radius_px, double size_px,
                  double angle_deg, const std::uint8_t* descriptor) {
   thread_local std::vector<int> candidates;
-  candidates.clear();
-  search.grid.Within(px, radius_px, &candidates);
+  search.grid.Within(px, radius_px, ShapeLike(size_px, angle_deg, search.options), &candidates);
   int best = -1;
   double best_sq = search.options.max_descriptor_distance * search.options.max_descriptor_distance;
   for (const int k : candidates) {
-    const Keypoint& keypoint = search.frame.sift.keypoints[static_cast<std::size_t>(k)];
-    if (!IsShapedLike(keypoint, size_px, angle_deg, search.options)) continue;
     const double distance_sq = DescriptorDistanceSq(
         descriptor, search.frame.sift.descriptor(static_cast<std::size_t>(k)).data());
     if (distance_sq < best_sq) best_sq = distance_sq, best = k;
@@ -137,52 +125,18 @@ void SearchLandmark(const Search& search, const ReadyLandmark& landmark, GuidedM
 
 }  // namespace
 
-KeypointGrid::KeypointGrid(const FrameFeatures& frame, const Camera& camera)
-    : frame_(frame),
-      columns_(camera.width_px / kCell_px + 1),
-      rows_(camera.height_px / kCell_px + 1),
-      offsets_(static_cast<std::size_t>(columns_ * rows_) + 1, 0) {
-  const auto cell_of = [&](const Keypoint& k) {
-    const int x = std::clamp(static_cast<int>(k.x_px) / kCell_px, 0, columns_ - 1);
-    const int y = std::clamp(static_cast<int>(k.y_px) / kCell_px, 0, rows_ - 1);
-    return static_cast<std::size_t>(y * columns_ + x);
-  };
-  for (const Keypoint& k : frame.sift.keypoints) ++offsets_[cell_of(k) + 1];
-  for (std::size_t i = 1; i < offsets_.size(); ++i) offsets_[i] += offsets_[i - 1];
-  keypoints_.resize(frame.sift.size());
-  std::vector<std::uint32_t> next(offsets_.begin(), offsets_.end() - 1);
-  for (std::size_t i = 0; i < frame.sift.size(); ++i) {
-    keypoints_[next[cell_of(frame.sift.keypoints[i])]++] = static_cast<int>(i);
-  }
+KeypointShape ShapeLike(double size_px, double angle_deg, const GuidedOptions& options) {
+  return {size_px / options.max_scale_ratio, size_px * options.max_scale_ratio, angle_deg,
+          options.max_turn_deg};
 }
 
-void KeypointGrid::Within(const Eigen::Vector2d& px, double radius_px,
-                          std::vector<int>* found) const {
-  const auto cell = [](double v, int count) {
-    return std::clamp(static_cast<int>(v) / kCell_px, 0, count - 1);
-  };
-  const int x0 = cell(px.x() - radius_px, columns_), x1 = cell(px.x() + radius_px, columns_);
-  const int y0 = cell(px.y() - radius_px, rows_), y1 = cell(px.y() + radius_px, rows_);
-  for (int y = y0; y <= y1; ++y) {
-    for (int x = x0; x <= x1; ++x) {
-      const auto c = static_cast<std::size_t>(y * columns_ + x);
-      for (std::uint32_t slot = offsets_[c]; slot < offsets_[c + 1]; ++slot) {
-        const Keypoint& k = frame_.sift.keypoints[static_cast<std::size_t>(keypoints_[slot])];
-        const double dx = double{k.x_px} - px.x(), dy = double{k.y_px} - px.y();
-        if (dx * dx + dy * dy <= radius_px * radius_px) found->push_back(keypoints_[slot]);
-      }
-    }
-  }
-}
-
-int BestOfWindow(const FrameFeatures& frame, const std::vector<int>& candidates, double size_px,
-                 double angle_deg, const std::uint8_t* descriptor, const GuidedOptions& options) {
+int BestOfWindow(const FrameFeatures& frame, const std::vector<int>& candidates,
+                 const std::uint8_t* descriptor, const GuidedOptions& options) {
   constexpr float kSamePlace_px = 4;  // keypoints so near are one structure at two scales
   const double limit_sq = options.max_descriptor_distance * options.max_descriptor_distance;
-  std::vector<std::pair<int, int>> near;  // squared distance, keypoint
+  thread_local std::vector<std::pair<int, int>> near;  // squared distance, keypoint
+  near.clear();
   for (const int k : candidates) {
-    const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
-    if (!IsShapedLike(keypoint, size_px, angle_deg, options)) continue;
     const int distance_sq =
         DescriptorDistanceSq(descriptor, frame.sift.descriptor(static_cast<std::size_t>(k)).data());
     near.emplace_back(distance_sq, k);
@@ -191,11 +145,11 @@ int BestOfWindow(const FrameFeatures& frame, const std::vector<int>& candidates,
   const auto best = *std::min_element(near.begin(), near.end());
   if (best.first > limit_sq) return -1;
   const Keypoint& chosen = frame.sift.keypoints[static_cast<std::size_t>(best.second)];
+  const double ratio_sq = options.max_ratio * options.max_ratio;
   for (const auto& [distance_sq, k] : near) {
+    if (best.first <= ratio_sq * distance_sq) continue;
     const Keypoint& other = frame.sift.keypoints[static_cast<std::size_t>(k)];
-    const bool elsewhere =
-        std::hypot(other.x_px - chosen.x_px, other.y_px - chosen.y_px) > kSamePlace_px;
-    if (elsewhere && best.first > options.max_ratio * options.max_ratio * distance_sq) return -1;
+    if (std::hypot(other.x_px - chosen.x_px, other.y_px - chosen.y_px) > kSamePlace_px) return -1;
   }
   return best.second;
 }
@@ -251,10 +205,8 @@ ViewMatches MatchAround(const FrameFeatures& frame, const KeypointGrid& grid, co
     for (std::size_t i = part * kPart; i < std::min(landmarks.size(), (part + 1) * kPart); ++i) {
       const auto at = Predict(landmarks[i], camera, cam_from_local, frame.smallest_px);
       if (!at) continue;
-      candidates.clear();
-      grid.Within(at->px, radius_px, &candidates);
-      const int k = BestOfWindow(frame, candidates, at->size_px, at->angle_deg,
-                                 landmarks[i].descriptor.data(), options);
+      grid.Within(at->px, radius_px, ShapeLike(at->size_px, at->angle_deg, options), &candidates);
+      const int k = BestOfWindow(frame, candidates, landmarks[i].descriptor.data(), options);
       if (k >= 0) Append(frame, camera, landmarks[i], k, &parts[part]);
     }
   });

@@ -9,6 +9,7 @@
 #include "common/estimate/correspondence.h"
 #include "common/estimate/refine.h"
 #include "runtime/pose/frame_matches.h"
+#include "runtime/pose/keypoint_grid.h"
 #include "runtime/pose/landmark_set.h"
 
 namespace panofix {
@@ -40,26 +41,14 @@ struct GuidedMatches {
 // chance gives.
 [[nodiscard]] double SupportedShare(const GuidedMatches& matches);
 
-// Frame keypoints by image cell, for window queries.
-class KeypointGrid {
- public:
-  KeypointGrid(const FrameFeatures& frame, const Camera& camera);
-  // Appends the indices of keypoints within `radius_px`.
-  void Within(const Eigen::Vector2d& px, double radius_px, std::vector<int>* found) const;
+// The keypoints that may show what is predicted, descriptors apart.
+[[nodiscard]] KeypointShape ShapeLike(double size_px, double angle_deg,
+                                      const GuidedOptions& options);
 
- private:
-  static constexpr int kCell_px = 16;
-  const FrameFeatures& frame_;
-  int columns_ = 0, rows_ = 0;
-  std::vector<std::uint32_t> offsets_;
-  std::vector<int> keypoints_;
-};
-
-// Of the candidate keypoints shaped as told the one nearest in descriptor, unless another one
-// elsewhere comes near it (options.max_ratio); or -1.
+// Of the candidate keypoints the one nearest in descriptor, unless another one elsewhere comes near
+// it (options.max_ratio); or -1.
 [[nodiscard]] int BestOfWindow(const FrameFeatures& frame, const std::vector<int>& candidates,
-                               double size_px, double angle_deg, const std::uint8_t* descriptor,
-                               const GuidedOptions& options);
+                               const std::uint8_t* descriptor, const GuidedOptions& options);
 
 // Landmarks searched around their projections. At a right pose a good share of the visible ones is
 // found; at a wrong one, nearly none: num_found / num_visible is evidence that retrieval and

@@ -1,5 +1,6 @@
 #include "runtime/pose/pose_estimator.h"
 
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -82,14 +83,13 @@ std::size_t NumWorthy(const std::vector<Hypothesis>& hypotheses, const PoseOptio
 // Candidates of one frame, gated as they come.
 class Candidates {
  public:
-  Candidates(const PoseContext& context, std::string reason)
-      : context_(context), grid_(context.frame, context.camera), scene_{context.frame,
-                                                                        grid_,
-                                                                        context.camera,
-                                                                        context.bundle,
-                                                                        context.stations,
-                                                                        context.local,
-                                                                        context.past} {
+  // `hypotheses` of the frame, of which those elsewhere count against a candidate.
+  Candidates(const PoseContext& context, std::vector<Hypothesis> hypotheses, std::string reason)
+      : context_(context),
+        hypotheses_(std::move(hypotheses)),
+        grid_(context.frame.sift, context.camera),
+        scene_{context.frame,    grid_,         context.camera, context.bundle,
+               context.stations, context.local, context.past} {
     best_.covariance = Matrix6d::Zero();
     best_.reason = std::move(reason);
   }
@@ -97,13 +97,32 @@ class Candidates {
   [[nodiscard]] PoseOutcome& best() { return best_; }
   [[nodiscard]] const std::vector<PoseOutcome>& all() const { return all_; }
 
-  // `rivals` are hypotheses for the same frame. A wide one is better than all near ones: it rests
-  // on more.
-  void Consider(const Rigid3& start, const MatchPool& pool, const std::vector<Hypothesis>& rivals,
-                Reach reach = Reach::kNear) {
-    PoseOutcome outcome = CompletePose(scene_, start, pool, context_.options, reach);
+  // Makes `count` candidates, as many at once as there are processors. They are considered in
+  // order and only as long as `is_wanted` holds, so they are the same for any number of
+  // processors: what is made beyond that is dropped.
+  template <typename IsWanted, typename Make>
+  void ConsiderEach(std::size_t count, const IsWanted& is_wanted, const Make& make,
+                    Reach reach = Reach::kNear) {
+    const std::size_t at_once =
+        tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
+    std::vector<PoseOutcome> made;
+    for (std::size_t first = 0; first < count && is_wanted(); first += made.size()) {
+      made.assign(std::min(at_once, count - first), {});
+      tbb::parallel_for(std::size_t{0}, made.size(),
+                        [&](std::size_t k) { made[k] = make(first + k); });
+      for (std::size_t k = 0; k < made.size() && is_wanted(); ++k) Consider(made[k], reach);
+    }
+  }
+  template <typename Make>
+  void ConsiderAll(std::size_t count, const Make& make, Reach reach = Reach::kNear) {
+    ConsiderEach(
+        count, [] { return true; }, make, reach);
+  }
+
+  // A wide one is better than all near ones: it rests on more.
+  void Consider(PoseOutcome outcome, Reach reach = Reach::kNear) {
     if (!outcome.found) return;
-    for (const Hypothesis& h : rivals) {
+    for (const Hypothesis& h : hypotheses_) {
       if (IsElsewhere(h.cam_from_local, outcome.cam_from_local) &&
           IsOpen(h.cam_from_local, outcome.cam_from_local))
         outcome.num_elsewhere = std::max(outcome.num_elsewhere, h.num_keypoints);
@@ -169,6 +188,7 @@ class Candidates {
   }
 
   const PoseContext& context_;
+  const std::vector<Hypothesis> hypotheses_;
   const KeypointGrid grid_;
   const Scene scene_;
   PoseOutcome best_;
@@ -177,28 +197,37 @@ class Candidates {
 };
 
 // Looks for landmarks around a rough pose; a consensus among them becomes a candidate.
-void ConsiderAround(const PoseContext& context, const Rigid3& rough, double radius_px,
-                    const std::vector<Hypothesis>& rivals, Candidates* candidates,
-                    Reach reach = Reach::kNear) {
-  const MatchPool pool = MatchNear(candidates->scene(), rough, radius_px, context.options, reach);
-  const RansacResult found = FindConsensus(pool, context.options);
-  if (!found.success) return;
-  candidates->Consider(found.cam_from_map, pool, rivals, reach);
+PoseOutcome PoseAround(const Scene& scene, const Rigid3& rough, double radius_px,
+                       const PoseOptions& options, Reach reach = Reach::kNear) {
+  const MatchPool pool = MatchNear(scene, rough, radius_px, options, reach);
+  const RansacResult found = FindConsensus(pool, options);
+  if (!found.success) return {};
+  return CompletePose(scene, found.cam_from_map, pool, options, reach);
 }
 
 // The same around a retrieved view's own pose, a rough one of the camera. More stations agree on
 // where to look; what speaks for the pose is counted among the nearest, as ever.
-void ConsiderAtView(const PoseContext& context, const Rigid3& rough,
-                    const std::vector<Hypothesis>& rivals, Candidates* candidates) {
-  const PoseOptions& options = context.options;
-  const MatchPool wide = MatchNear(candidates->scene(), rough, options.around_view_px, options,
+PoseOutcome PoseAtView(const Scene& scene, const Rigid3& rough, const PoseOptions& options) {
+  const MatchPool wide = MatchNear(scene, rough, options.around_view_px, options,
                                    options.use_wide ? Reach::kWide : Reach::kNear);
   const RansacResult found =
       FindConsensus(wide, options, BoundsAround(rough, options.around_view_m, options));
-  if (!found.success) return;
-  const MatchPool near =
-      MatchNear(candidates->scene(), found.cam_from_map, options.around_px, options);
-  candidates->Consider(found.cam_from_map, near, rivals);
+  if (!found.success) return {};
+  return CompletePose(scene, found.cam_from_map,
+                      MatchNear(scene, found.cam_from_map, options.around_px, options), options);
+}
+
+// Poses of the retrieved views, rough ones of the camera. Views of neighbouring stations in one
+// direction would start the same search.
+std::vector<Rigid3> RoughPoses(const PoseContext& context, const std::vector<ViewMatches>& views) {
+  constexpr double kNextStation_m = 3.5, kNextView_rad = 0.5;
+  std::vector<Rigid3> poses;
+  for (const ViewMatches& view : views) {
+    if (static_cast<int>(poses.size()) == context.options.max_view_poses) break;
+    const Rigid3 rough = PoseOfView(context.bundle, context.local, view.view_idx);
+    if (!IsRepeat(rough, poses, kNextStation_m, kNextView_rad)) poses.push_back(rough);
+  }
+  return poses;
 }
 
 // Look-alikes: what would the landmarks of the other places say?
@@ -206,31 +235,35 @@ void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>&
                      const std::vector<Hypothesis>& hypotheses, const MatchPool& pool,
                      Candidates* candidates) {
   const PoseOptions& options = context.options;
+  const auto max_rivals = static_cast<std::size_t>(options.max_rivals);
   const Rigid3 found = candidates->best().cam_from_local;
-  int num_rivals = 0;
-  const auto is_known = [&](const Rigid3& pose) {
-    return std::any_of(candidates->all().begin(), candidates->all().end(), [&](const auto& c) {
-      return !candidates->IsElsewhere(pose, c.cam_from_local);
-    });
-  };
+  std::vector<Rigid3> unknown;
   for (const Hypothesis& h : hypotheses) {
-    if (num_rivals == options.max_rivals) break;
-    if (is_known(h.cam_from_local)) continue;
-    ++num_rivals;
-    candidates->Consider(h.cam_from_local, pool, hypotheses);
+    const auto is_near = [&](const Rigid3& pose) {
+      return !candidates->IsElsewhere(h.cam_from_local, pose);
+    };
+    if (unknown.size() < max_rivals && std::none_of(unknown.begin(), unknown.end(), is_near) &&
+        std::none_of(candidates->all().begin(), candidates->all().end(),
+                     [&](const PoseOutcome& c) { return is_near(c.cam_from_local); })) {
+      unknown.push_back(h.cam_from_local);
+    }
   }
   // Retrieval knows of places that no consensus has led to.
-  std::vector<Rigid3> tried;
+  std::vector<Rigid3> places;
   for (const ViewMatches& view : views) {
     const Rigid3 rough = PoseOfView(context.bundle, context.local, view.view_idx);
-    if (static_cast<int>(tried.size()) == options.max_rivals) break;
-    if ((CentreOf(rough) - CentreOf(found)).norm() < options.rival_place_m ||
-        IsRepeat(rough, tried, options.rival_place_m, kAnyTurn_rad)) {
-      continue;
+    if (places.size() < max_rivals &&
+        (CentreOf(rough) - CentreOf(found)).norm() >= options.rival_place_m &&
+        !IsRepeat(rough, places, options.rival_place_m, kAnyTurn_rad)) {
+      places.push_back(rough);
     }
-    tried.push_back(rough);
-    ConsiderAround(context, rough, options.around_view_px, hypotheses, candidates);
   }
+  const Scene& scene = candidates->scene();
+  candidates->ConsiderAll(unknown.size() + places.size(), [&](std::size_t i) {
+    return i < unknown.size()
+               ? CompletePose(scene, unknown[i], pool, options)
+               : PoseAround(scene, places[i - unknown.size()], options.around_view_px, options);
+  });
   PoseOutcome& best = candidates->best();
   for (const PoseOutcome& c : candidates->all()) {
     if (candidates->IsRival(c, best) && candidates->IsOpen(c.cam_from_local, best.cam_from_local))
@@ -255,8 +288,6 @@ void PoseOptions::Check() const {
 }
 
 PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatches>& views) {
-  // Views of neighbouring stations in one direction start the same search.
-  constexpr double kNextStation_m = 3.5, kNextView_rad = 0.5;
   const PoseOptions& options = context.options;
   MatchPool pool;
   for (const ViewMatches& view : views) {
@@ -270,34 +301,34 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
   const std::vector<Hypothesis> hypotheses =
       FindHypotheses(views, pool, context.camera.fx_px, options);
   constexpr std::size_t kFewestMatches = 12;
-  Candidates candidates(context,
+  Candidates candidates(context, hypotheses,
                         pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus");
-  for (const Hypothesis& hypothesis : DistinctBest(hypotheses, NumWorthy(hypotheses, options))) {
-    candidates.Consider(hypothesis.cam_from_local, pool, hypotheses);
-    if (candidates.best().trusted && candidates.best().over_chance >= options.sure_over_chance)
-      break;
-  }
-  // A strong pose with a second elsewhere: without a past, more of the map does not tell which.
-  const bool repeats = !context.prior && candidates.best().reason == kAmbiguousPlace &&
-                       candidates.best().num_inliers >= options.find_inliers;
-  std::vector<Rigid3> tried_poses;
-  for (std::size_t i = 0;
-       options.use_guided && !repeats && !candidates.best().trusted && i < views.size(); ++i) {
-    // A retrieved view's own pose is a rough one of the camera.
-    const Rigid3 rough = PoseOfView(context.bundle, context.local, views[i].view_idx);
-    if (static_cast<int>(tried_poses.size()) == options.max_view_poses) break;
-    if (IsRepeat(rough, tried_poses, kNextStation_m, kNextView_rad)) continue;
-    tried_poses.push_back(rough);
-    ConsiderAtView(context, rough, hypotheses, &candidates);
-  }
+  const Scene& scene = candidates.scene();
   PoseOutcome& best = candidates.best();
+  const std::vector<Hypothesis> starts = DistinctBest(hypotheses, NumWorthy(hypotheses, options));
+  candidates.ConsiderEach(
+      starts.size(), [&] { return !best.trusted || best.over_chance < options.sure_over_chance; },
+      [&](std::size_t i) { return CompletePose(scene, starts[i].cam_from_local, pool, options); });
+  // A strong pose with a second elsewhere: without a past, more of the map does not tell which.
+  const bool repeats =
+      !context.prior && best.reason == kAmbiguousPlace && best.num_inliers >= options.find_inliers;
+  if (options.use_guided && !repeats) {
+    const std::vector<Rigid3> roughs = RoughPoses(context, views);
+    candidates.ConsiderEach(
+        roughs.size(), [&] { return !best.trusted; },
+        [&](std::size_t i) { return PoseAtView(scene, roughs[i], options); });
+  }
   const bool is_doubtful = !repeats && (!best.trusted || !IsSureFind(best, options));
   if (options.use_guided && options.use_wide && is_doubtful) {
-    if (const auto start = candidates.Start()) {
-      ConsiderAround(context, *start, options.around_px / 2, hypotheses, &candidates, Reach::kWide);
-    }
-    for (const Rigid3& find : context.last_finds)
-      ConsiderAround(context, find, options.around_px, hypotheses, &candidates, Reach::kWide);
+    std::vector<std::pair<Rigid3, double>> around;  // cam_from_local, radius in pixels
+    if (const auto start = candidates.Start()) around.emplace_back(*start, options.around_px / 2);
+    for (const Rigid3& find : context.last_finds) around.emplace_back(find, options.around_px);
+    candidates.ConsiderAll(
+        around.size(),
+        [&](std::size_t i) {
+          return PoseAround(scene, around[i].first, around[i].second, options, Reach::kWide);
+        },
+        Reach::kWide);
   }
   if (best.trusted && options.use_guided)
     RefuseLookAlike(context, views, hypotheses, pool, &candidates);
@@ -312,7 +343,7 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
 
 PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& predictions) {
   const PoseOptions& options = context.options;
-  Candidates candidates(context, "no_consensus");
+  Candidates candidates(context, {}, "no_consensus");
   PoseOutcome& best = candidates.best();
   const auto refuse_jump = [&](const Rigid3& prediction) {
     const double shift_m = (CentreOf(best.cam_from_local) - CentreOf(prediction)).norm();
@@ -322,14 +353,16 @@ PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& pre
   };
   std::size_t used = 0;
   for (std::size_t i = 0; i < predictions.size() && !best.trusted; ++i) {
-    ConsiderAround(context, predictions[i], options.around_px, {}, &candidates);
+    candidates.Consider(PoseAround(candidates.scene(), predictions[i], options.around_px, options));
     refuse_jump(predictions[i]);
     if (best.trusted) used = i;
   }
   if (options.use_wide && !predictions.empty() && best.num_inliers < options.weak_inliers) {
     const PoseOutcome near = best;
     // From the prediction anew: a biased pose would hold on to what suits it.
-    ConsiderAround(context, predictions[used], options.around_px, {}, &candidates, Reach::kWide);
+    candidates.Consider(
+        PoseAround(candidates.scene(), predictions[used], options.around_px, options, Reach::kWide),
+        Reach::kWide);
     refuse_jump(predictions[used]);
     if (near.trusted && !best.trusted) best = near;
   }
@@ -339,9 +372,11 @@ PoseOutcome TrackPose(const PoseContext& context, const std::vector<Rigid3>& pre
 
 double SupportElsewhere(const PoseContext& context, const PoseOutcome& own,
                         const std::vector<Rigid3>& roughs) {
-  Candidates candidates(context, "no_consensus");
-  for (const Rigid3& rough : roughs)
-    ConsiderAround(context, rough, context.options.around_view_px, {}, &candidates);
+  Candidates candidates(context, {}, "no_consensus");
+  candidates.ConsiderAll(roughs.size(), [&](std::size_t i) {
+    return PoseAround(candidates.scene(), roughs[i], context.options.around_view_px,
+                      context.options);
+  });
   double support = 0;
   for (const PoseOutcome& c : candidates.all()) {
     if (candidates.IsRival(c, own)) support = std::max(support, c.support);

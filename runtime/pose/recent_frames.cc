@@ -55,7 +55,7 @@ class Partner {
         camera_(camera),
         guided_(guided),
         options_(options),
-        grid_(older.frame, camera),
+        grid_(older.frame.sift, camera),
         cam_from_local_(older.local_from_cam.Inverse()),
         turn_deg_(RollDeg(older.local_from_cam) - RollDeg(newest.local_from_cam)) {}
 
@@ -98,9 +98,12 @@ class Partner {
                            const Eigen::Vector2d& far) const {
     const Eigen::Vector2d along = far - near;
     const double length_px = along.norm();
+    const Keypoint& keypoint = newest_.frame.sift.keypoints[k];
     thread_local std::vector<int> candidates;
-    candidates.clear();
-    grid_.Within(0.5 * (near + far), 0.5 * length_px + options_.max_epipolar_px, &candidates);
+    grid_.Within(
+        0.5 * (near + far), 0.5 * length_px + options_.max_epipolar_px,
+        ShapeLike(double{keypoint.size_px}, double{keypoint.angle_deg} + turn_deg_, guided_),
+        &candidates);
     std::erase_if(candidates, [&](int c) {
       const Keypoint& other = older_.frame.sift.keypoints[static_cast<std::size_t>(c)];
       const Eigen::Vector2d d = Eigen::Vector2d(other.x_px, other.y_px) - near;
@@ -108,10 +111,7 @@ class Partner {
           length_px > 0 ? std::clamp(d.dot(along) / (length_px * length_px), 0.0, 1.0) : 0.0;
       return (d - t * along).norm() > options_.max_epipolar_px;
     });
-    const Keypoint& keypoint = newest_.frame.sift.keypoints[k];
-    return BestOfWindow(older_.frame, candidates, double{keypoint.size_px},
-                        double{keypoint.angle_deg} + turn_deg_,
-                        newest_.frame.sift.descriptor(k).data(), guided_);
+    return BestOfWindow(older_.frame, candidates, newest_.frame.sift.descriptor(k).data(), guided_);
   }
 
   const Posed& newest_;

@@ -48,7 +48,8 @@ bool Retrieval::ForEachTile(const std::vector<char>& wanted, const std::function
 }
 
 std::vector<float> Retrieval::Similarities(const RetrievalQuery& query,
-                                           const std::vector<char>& wanted) const {
+                                           const std::vector<char>& wanted,
+                                           std::vector<float>* of_landmarks) const {
   std::vector<float> scores(bundle_->views().size(), 0), votes(scores.size(), 0);
   static const FeatureSet kNobody;
   const Voters voters(bundle_->vocabulary(), options_.use_landmarks ? query.sift : kNobody,
@@ -69,6 +70,7 @@ std::vector<float> Retrieval::Similarities(const RetrievalQuery& query,
   constexpr float kManyVotes = 2;  // as good as half of the range
   for (std::size_t v = 0; v < scores.size(); ++v)
     scores[v] = (1 - kVotesShare) * scores[v] + kVotesShare * votes[v] / (votes[v] + kManyVotes);
+  if (of_landmarks != nullptr) *of_landmarks = std::move(votes);
   return scores;
 }
 
@@ -92,8 +94,10 @@ RetrievalResult Retrieval::Best(const std::vector<float>& similarities) const {
 
 RetrievalResult Retrieval::Global(const RetrievalQuery& query,
                                   std::vector<float>* best_of_panorama) const {
-  const std::vector<float> scores = Similarities(query, {});
+  std::vector<float> votes;
+  const std::vector<float> scores = Similarities(query, {}, &votes);
   RetrievalResult result = Best(scores);
+  result.votes = std::move(votes);
   result.num_compared = static_cast<std::int64_t>(scores.size());
   if (best_of_panorama == nullptr || scores.empty()) return result;
   best_of_panorama->assign(bundle_->panoramas().size(), 0);

