@@ -1,6 +1,8 @@
 #include "common/features/matcher.h"
 
+#if defined(__x86_64__)
 #include <immintrin.h>
+#endif
 
 #include <algorithm>
 #include <limits>

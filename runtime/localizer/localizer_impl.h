@@ -121,7 +121,7 @@ struct Localizer::Impl {
   // Poses of the views elsewhere that the frame's landmarks speak for, most votes first.
   [[nodiscard]] std::vector<Rigid3> PlacesElsewhere(const FrameFeatures& features,
                                                     const Rigid3& cam_from_local,
-                                                    const LocalFrame& local);
+                                                    const LocalFrame& local) const;
   // A fix of a camera whose calibration is doubted is degraded.
   void DegradeMiscalibrated(FrameResult* result) const;
   // Keeps a pose for the next frames.
@@ -169,7 +169,7 @@ struct Localizer::Impl {
   PastFrames past;
   RecentFrames recent;
   TimeIsUp time_is_up;       // of the frame at work
-  std::vector<float> votes;  // of the frame at work, where the whole map was searched for it
+  std::vector<float> votes;  // of the frame at work, once the whole map was searched for it
 };
 
 }  // namespace panofix

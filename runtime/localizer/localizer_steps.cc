@@ -237,8 +237,9 @@ void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local,
 
 std::vector<Rigid3> Localizer::Impl::PlacesElsewhere(const FrameFeatures& features,
                                                      const Rigid3& cam_from_local,
-                                                     const LocalFrame& local) {
-  if (votes.empty()) votes = retrieval.Votes(features.sift, features.bearings, camera);
+                                                     const LocalFrame& local) const {
+  const std::vector<float> counted =
+      votes.empty() ? retrieval.Votes(features.sift, features.bearings, camera) : votes;
   std::vector<std::pair<float, std::uint32_t>> elsewhere;
   std::vector<Rigid3> poses;
   const auto is_near = [&](const Rigid3& a, const Rigid3& b) {
@@ -246,12 +247,12 @@ std::vector<Rigid3> Localizer::Impl::PlacesElsewhere(const FrameFeatures& featur
            AngleBetween(a.rotation, b.rotation) < pose_options.elsewhere_rad;
   };
   float own = 0;
-  for (std::uint32_t v = 0; v < votes.size(); ++v) {
-    if (!(votes[v] > 0)) continue;
+  for (std::uint32_t v = 0; v < counted.size(); ++v) {
+    if (!(counted[v] > 0)) continue;
     if (is_near(PoseOfView(*bundle, local, v), cam_from_local)) {
-      own = std::max(own, votes[v]);
+      own = std::max(own, counted[v]);
     } else {
-      elsewhere.emplace_back(-votes[v], v);
+      elsewhere.emplace_back(-counted[v], v);
     }
   }
   std::sort(elsewhere.begin(), elsewhere.end());

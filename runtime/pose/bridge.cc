@@ -88,7 +88,6 @@ PoseOutcome Complete(const PoseContext& context, const KeypointGrid& grid,
                      const RecentPoints& recent, const Rigid3& start) {
   const double focal_px = context.camera.fx_px;
   PoseOutcome outcome;
-  outcome.covariance = Matrix6d::Zero();
   const BridgeMatches found = MatchBoth(context, grid, recent, start);
   MatchPool pool;
   pool.Append(found.recent.matches);
@@ -126,7 +125,6 @@ PoseOutcome Complete(const PoseContext& context, const KeypointGrid& grid,
 PoseOutcome BridgePose(const PoseContext& context, const RecentPoints& recent,
                        const std::vector<Rigid3>& predictions) {
   PoseOutcome best;
-  best.covariance = Matrix6d::Zero();
   best.reason = "too_few_matches";
   if (recent.points.size() < kFewestPoints) return best;
   best.reason = "no_consensus";

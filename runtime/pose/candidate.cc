@@ -134,7 +134,6 @@ void TryConsensus(const MatchPool& pool, double focal_px, const PoseOptions& opt
 PoseOutcome GuidedRounds(const Scene& scene, const MatchPool& retrieved, Solution solution,
                          const PoseOptions& options, Reach reach) {
   PoseOutcome outcome;
-  outcome.covariance = Matrix6d::Zero();
   const double focal_px = scene.camera.fx_px;
   MatchPool pool = retrieved;
   for (int round = 0; options.use_guided && solution.success && round < options.guided_rounds;

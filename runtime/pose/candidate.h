@@ -11,11 +11,6 @@
 
 namespace panofix {
 
-struct Hypothesis {
-  Rigid3 cam_from_local;
-  int num_keypoints = 0;  // that agree among the matches it comes from
-};
-
 // Everything that a guided search needs beside the pose.
 struct Scene {
   const FrameFeatures& frame;

@@ -9,14 +9,14 @@ namespace {
 // In [0, 360).
 float WrappedDeg(double angle_deg) {
   const auto wrapped = static_cast<float>(angle_deg - 360 * std::floor(angle_deg / 360));
-  return wrapped < 360 ? wrapped : 0;  // it may round up
+  return wrapped >= 360 ? 0 : wrapped;  // it may round up; NaN stays
 }
 
 }  // namespace
 
-int KeypointGrid::CellOf(double v, int count) const {
-  if (!(v > 0)) return 0;  // also NaN
-  return static_cast<int>(std::min(v / kCell_px, static_cast<double>(count - 1)));
+int KeypointGrid::CellOf(double v_px, int count) {
+  if (!(v_px > 0)) return 0;  // also NaN
+  return static_cast<int>(std::min(v_px / kCell_px, static_cast<double>(count - 1)));
 }
 
 KeypointGrid::KeypointGrid(const FeatureSet& features, const Camera& camera)
@@ -54,7 +54,7 @@ void KeypointGrid::Within(const Eigen::Vector2d& px, double radius_px, const Key
   for (int row = y0; row <= y1; ++row) {
     const std::uint32_t begin = offsets_[static_cast<std::size_t>(row * columns_ + x0)],
                         end = offsets_[static_cast<std::size_t>(row * columns_ + x1 + 1)];
-    // Without branches, which half of the keypoints would take.
+    // No branch on what fits: it could not be predicted.
     std::size_t size = found->size();
     found->resize(size + (end - begin));
     for (std::uint32_t slot = begin; slot < end; ++slot) {

@@ -19,7 +19,8 @@ struct KeypointShape {
 class KeypointGrid {
  public:
   KeypointGrid(const FeatureSet& features, const Camera& camera);
-  // Indices of the keypoints within `radius_px` that are shaped as told; compared in floats.
+  // Replaces `*found` by the keypoints within `radius_px` that are shaped as told, cell by cell;
+  // compared in floats.
   void Within(const Eigen::Vector2d& px, double radius_px, const KeypointShape& shape,
               std::vector<int>* found) const;
 
@@ -28,7 +29,7 @@ class KeypointGrid {
   struct Entry {
     float x_px = 0, y_px = 0, size_px = 0, angle_deg = 0;  // angle in [0, 360)
   };
-  [[nodiscard]] int CellOf(double v, int count) const;
+  [[nodiscard]] static int CellOf(double v_px, int count);
   int columns_ = 0, rows_ = 0;
   std::vector<std::uint32_t> offsets_;  // of a cell's entries; cells of a row follow each other
   std::vector<Entry> entries_;

@@ -167,7 +167,6 @@ PoseOutcome EstimatePaperPose(std::span<const ViewMatches> views, const MapError
   tbb::parallel_for(std::size_t{0}, views.size(),
                     [&](std::size_t i) { poses[i] = PoseFromView(views[i], options); });
   PoseOutcome outcome;
-  outcome.covariance = Matrix6d::Zero();
   outcome.reason = "no_consensus";
   MatchPool pool;
   std::size_t most = 0;

@@ -1,9 +1,9 @@
 #include "runtime/pose/pose_estimator.h"
 
-#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <tuple>
@@ -11,11 +11,18 @@
 #include "common/base/log.h"
 #include "runtime/pose/candidate.h"
 #include "runtime/pose/gates.h"
+#include "runtime/pose/make_in_order.h"
 
 namespace panofix {
 namespace {
 
 constexpr double kAnyTurn_rad = 4;
+constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
+
+struct Hypothesis {
+  Rigid3 cam_from_local;
+  int num_keypoints = 0;  // that agree among the matches it comes from
+};
 
 // A pose a view that reaches consensus, and one of all views together.
 std::vector<Hypothesis> FindHypotheses(const std::vector<ViewMatches>& views, const MatchPool& pool,
@@ -90,28 +97,19 @@ class Candidates {
         grid_(context.frame.sift, context.camera),
         scene_{context.frame,    grid_,         context.camera, context.bundle,
                context.stations, context.local, context.past} {
-    best_.covariance = Matrix6d::Zero();
     best_.reason = std::move(reason);
   }
   [[nodiscard]] const Scene& scene() const { return scene_; }
   [[nodiscard]] PoseOutcome& best() { return best_; }
   [[nodiscard]] const std::vector<PoseOutcome>& all() const { return all_; }
+  [[nodiscard]] const std::vector<Hypothesis>& hypotheses() const { return hypotheses_; }
 
-  // Makes `count` candidates, as many at once as there are processors. They are considered in
-  // order and only as long as `is_wanted` holds, so they are the same for any number of
-  // processors: what is made beyond that is dropped.
+  // Candidates in order, as long as one is wanted.
   template <typename IsWanted, typename Make>
   void ConsiderEach(std::size_t count, const IsWanted& is_wanted, const Make& make,
                     Reach reach = Reach::kNear) {
-    const std::size_t at_once =
-        tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
-    std::vector<PoseOutcome> made;
-    for (std::size_t first = 0; first < count && is_wanted(); first += made.size()) {
-      made.assign(std::min(at_once, count - first), {});
-      tbb::parallel_for(std::size_t{0}, made.size(),
-                        [&](std::size_t k) { made[k] = make(first + k); });
-      for (std::size_t k = 0; k < made.size() && is_wanted(); ++k) Consider(made[k], reach);
-    }
+    MakeInOrder<PoseOutcome>(count, is_wanted, make,
+                             [&](PoseOutcome outcome) { Consider(std::move(outcome), reach); });
   }
   template <typename Make>
   void ConsiderAll(std::size_t count, const Make& make, Reach reach = Reach::kNear) {
@@ -132,11 +130,11 @@ class Candidates {
     outcome.reason = FailedGate(outcome, context_.bundle, context_.local, context_.options);
     outcome.trusted = outcome.reason.empty();
     LogCandidate(outcome, context_.bundle, context_.local);
-    all_.push_back(outcome);
     if (Worth(outcome, reach) > Worth(best_, reach_of_best_)) {
       best_ = outcome;
       reach_of_best_ = reach;
     }
+    all_.push_back(std::move(outcome));
   }
 
   // Whether the past leaves it open that the vehicle is at `other` rather than at `pose`.
@@ -232,13 +230,12 @@ std::vector<Rigid3> RoughPoses(const PoseContext& context, const std::vector<Vie
 
 // Look-alikes: what would the landmarks of the other places say?
 void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>& views,
-                     const std::vector<Hypothesis>& hypotheses, const MatchPool& pool,
-                     Candidates* candidates) {
+                     const MatchPool& pool, Candidates* candidates) {
   const PoseOptions& options = context.options;
   const auto max_rivals = static_cast<std::size_t>(options.max_rivals);
   const Rigid3 found = candidates->best().cam_from_local;
   std::vector<Rigid3> unknown;
-  for (const Hypothesis& h : hypotheses) {
+  for (const Hypothesis& h : DistinctBest(candidates->hypotheses(), kAll)) {
     const auto is_near = [&](const Rigid3& pose) {
       return !candidates->IsElsewhere(h.cam_from_local, pose);
     };
@@ -298,14 +295,13 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
                     v.station_idx - context.bundle.first_station(v.panorama_idx), v.yaw_deg,
                     view.correspondences.size()));
   }
-  const std::vector<Hypothesis> hypotheses =
-      FindHypotheses(views, pool, context.camera.fx_px, options);
   constexpr std::size_t kFewestMatches = 12;
-  Candidates candidates(context, hypotheses,
+  Candidates candidates(context, FindHypotheses(views, pool, context.camera.fx_px, options),
                         pool.matches.size() < kFewestMatches ? "too_few_matches" : "no_consensus");
   const Scene& scene = candidates.scene();
   PoseOutcome& best = candidates.best();
-  const std::vector<Hypothesis> starts = DistinctBest(hypotheses, NumWorthy(hypotheses, options));
+  const std::vector<Hypothesis> starts =
+      DistinctBest(candidates.hypotheses(), NumWorthy(candidates.hypotheses(), options));
   candidates.ConsiderEach(
       starts.size(), [&] { return !best.trusted || best.over_chance < options.sure_over_chance; },
       [&](std::size_t i) { return CompletePose(scene, starts[i].cam_from_local, pool, options); });
@@ -330,8 +326,7 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
         },
         Reach::kWide);
   }
-  if (best.trusted && options.use_guided)
-    RefuseLookAlike(context, views, hypotheses, pool, &candidates);
+  if (best.trusted && options.use_guided) RefuseLookAlike(context, views, pool, &candidates);
   if (best.trusted && options.use_guided && !IsSureFind(best, options)) {
     best.trusted = false;
     best.unconfirmed = true;

@@ -48,8 +48,8 @@ struct PoseOptions {
   double find_support = 0.08;
   double find_over_chance = 8;
   double find_coverage = 0.35;
-  // Or so many firm matches, of as many keypoints: twice those of the finds that passed the gates
-  // beyond 5 m of the truth in towns that do not repeat.
+  // Or so many firm matches and distinct keypoints: twice what finds had that passed the gates
+  // beyond 5 m of the truth, in towns that do not repeat.
   int find_firm = 60;
   // Firm matches of finds that may confirm each other; those whose depth is a plane's suit poses a
   // metre or two off.
@@ -112,7 +112,7 @@ struct PoseOutcome {
   bool degraded = false;  // trusted, but `reason` says why its covariance was widened
   std::string reason;     // snake_case word
   Rigid3 cam_from_local;
-  Matrix6d covariance;       // of the camera's pose in the local frame
+  Matrix6d covariance = Matrix6d::Zero();  // of the camera's pose in the local frame
   bool unconfirmed = false;  // not trusted only because one frame alone is too little evidence
   int num_inliers = 0;       // distinct keypoints
   int num_firm = 0;          // matches that agree, of landmarks that no depth plane places

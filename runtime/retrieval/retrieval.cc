@@ -49,7 +49,7 @@ bool Retrieval::ForEachTile(const std::vector<char>& wanted, const std::function
 
 std::vector<float> Retrieval::Similarities(const RetrievalQuery& query,
                                            const std::vector<char>& wanted,
-                                           std::vector<float>* of_landmarks) const {
+                                           std::vector<float>* landmark_votes) const {
   std::vector<float> scores(bundle_->views().size(), 0), votes(scores.size(), 0);
   static const FeatureSet kNobody;
   const Voters voters(bundle_->vocabulary(), options_.use_landmarks ? query.sift : kNobody,
@@ -70,7 +70,7 @@ std::vector<float> Retrieval::Similarities(const RetrievalQuery& query,
   constexpr float kManyVotes = 2;  // as good as half of the range
   for (std::size_t v = 0; v < scores.size(); ++v)
     scores[v] = (1 - kVotesShare) * scores[v] + kVotesShare * votes[v] / (votes[v] + kManyVotes);
-  if (of_landmarks != nullptr) *of_landmarks = std::move(votes);
+  if (landmark_votes != nullptr) *landmark_votes = std::move(votes);
   return scores;
 }
 

@@ -21,7 +21,7 @@ struct RetrievedView {
 struct RetrievalResult {
   std::vector<RetrievedView> views;  // best first, equals by index
   std::int64_t num_compared = 0;     // views that were scored
-  std::vector<float> votes;  // Retrieval::Votes of the frame, where the whole map was searched
+  std::vector<float> votes;          // of Global alone: the frame's Retrieval::Votes
 };
 
 struct RetrievalOptions {
@@ -77,10 +77,10 @@ class Retrieval {
 
  private:
   [[nodiscard]] RetrievalResult BestAndItsRow(const std::vector<float>& similarities) const;
-  // Nothing where the query was stopped. `votes`, where given, receives those of the landmarks.
+  // Nothing where the query was stopped. `landmark_votes`, where given, receives their share.
   [[nodiscard]] std::vector<float> Similarities(const RetrievalQuery& query,
                                                 const std::vector<char>& wanted,
-                                                std::vector<float>* votes = nullptr) const;
+                                                std::vector<float>* landmark_votes = nullptr) const;
   // Calls visit(tile, its index) for the tiles with a wanted view (all where `wanted` is empty) and
   // keeps the bound on memory on the way; several tiles at once where there is none. False where
   // `stop` ended it.

@@ -3,12 +3,12 @@
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <exception>
 #include <filesystem>
 
 #include "common/drive/drive.h"
 #include "common/image/gray_image.h"
 #include "common/io/read_file.h"
-#include "common/map/map_bundle.h"
 #include "runtime/localizer/localizer.h"
 
 namespace panofix {
@@ -39,7 +39,8 @@ int RunBench(CLI::App* app, int argc, char** argv, const Measure& measure) {
     measure();
     return 0;
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s: %s\n", app->get_name().c_str(), error.what());
+    const std::string name = std::filesystem::path(argv[0]).filename().string();
+    std::fprintf(stderr, "%s: %s\n", name.c_str(), error.what());
     return 1;
   }
 }

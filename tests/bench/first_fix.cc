@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 
+#include "common/map/map_bundle.h"
 #include "tests/bench/drive_bench.h"
 
 namespace panofix {

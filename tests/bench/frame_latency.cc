@@ -7,6 +7,7 @@
 #include <opencv2/features2d.hpp>
 
 #include "common/base/log.h"
+#include "common/map/map_bundle.h"
 #include "tests/bench/drive_bench.h"
 
 namespace panofix {

@@ -1,8 +1,10 @@
 #include "runtime/pose/pose_estimator.h"
 
 #include <gtest/gtest.h>
+#include <tbb/global_control.h>
 
 #include <functional>
+#include <optional>
 #include <stdexcept>
 
 #include "tests/runtime/pose/synthetic_street.h"
@@ -52,14 +54,46 @@ TEST(EstimatePose, FindsThePoseAllAlongTheStreet) {
   }
 }
 
-TEST(EstimatePose, IsDeterministic) {
-  const FrameFeatures frame =
-      Street().Frame(Street().CamFromLocal({0.8, 14, 1.6}, 10), kPixelSigma, 100);
-  const auto views = Street().Match(frame, 0, 4);
-  const PoseOutcome a = Estimate(Street(), frame, views), b = Estimate(Street(), frame, views);
+void ExpectSame(const PoseOutcome& a, const PoseOutcome& b) {
   EXPECT_EQ(a.cam_from_local.translation, b.cam_from_local.translation);
   EXPECT_EQ(a.covariance, b.covariance);
   EXPECT_EQ(a.num_inliers, b.num_inliers);
+  EXPECT_EQ(a.reason, b.reason);
+  EXPECT_EQ(a.rival_support, b.rival_support);
+  EXPECT_EQ(a.num_elsewhere, b.num_elsewhere);
+}
+
+// What a frame's views make for different numbers of threads.
+void ExpectSameForAnyNumberOfThreads(const PoseContext& context,
+                                     const std::vector<ViewMatches>& views) {
+  std::optional<PoseOutcome> first;
+  for (const std::size_t num_threads : {1, 2, 5}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, num_threads);
+    const PoseOutcome outcome = EstimatePose(context, views);
+    if (!first) first = outcome;
+    ExpectSame(outcome, *first);
+  }
+}
+
+// One candidate, some of several, all of them, and wide ones beside those.
+TEST(EstimatePose, IsTheSameForAnyNumberOfThreads) {
+  PoseOptions doubtful = Options(Street()), hopeless = Options(Street());
+  doubtful.sure_over_chance = 1e9;
+  doubtful.find_inliers = doubtful.find_firm = 100'000;
+  hopeless.min_inliers = 100'000;
+  for (const double y : {3.0, 14.5, 26.0, 38.0}) {
+    const Rigid3 truth = Street().CamFromLocal({0.8, y, 1.6}, 10);
+    const FrameFeatures frame = Street().Frame(truth, 2 * kPixelSigma, 100);
+    const auto views = Street().Match(frame, 0, 5);
+    std::vector<ViewMatches> poses_alone(views.rbegin(), views.rend());  // worst first
+    for (ViewMatches& view : poses_alone) view = {view.view_idx, {}, {}, {}};
+    for (const PoseOptions& options : {Options(Street()), doubtful, hopeless}) {
+      PoseContext context = Street().Context(frame, options);
+      context.last_finds = {Street().CamFromLocal({0.9, y + 0.3, 1.6}, 11), truth};
+      ExpectSameForAnyNumberOfThreads(context, views);
+      ExpectSameForAnyNumberOfThreads(context, poses_alone);
+    }
+  }
 }
 
 TEST(EstimatePose, SurvivesWrongMatches) {

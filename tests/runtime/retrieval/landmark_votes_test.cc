@@ -98,6 +98,22 @@ std::vector<float> VotesIn(const SyntheticStreet& street, const FrameFeatures& f
   return Retrieval(street.bundle(), {}).Votes(frame.sift, frame.bearings, street.camera());
 }
 
+TEST(LandmarkVotes, ASearchOfTheWholeMapCountsThemToo) {
+  const MapBundle& bundle = *Street().bundle();
+  const FrameFeatures frame = Street().Frame(Street().CamFromLocal({0.5, 14, 1.6}, 5), 0.5, 50);
+  const BagOfWords bag = bundle.vocabulary().Bag(bundle.vocabulary().SiftWords(frame.sift), {});
+  bool is_over = false;
+  const RetrievalQuery query{bag, frame.sift, frame.bearings, Street().camera(),
+                             [&] { return is_over; }};
+  const Retrieval retrieval(Street().bundle(), {});
+  EXPECT_EQ(retrieval.Global(query).votes, VotesIn(Street(), frame));
+  RetrievalOptions words_alone;
+  words_alone.use_landmarks = false;
+  EXPECT_TRUE(Retrieval(Street().bundle(), words_alone).Global(query).votes.empty());
+  is_over = true;
+  EXPECT_TRUE(retrieval.Global(query).votes.empty());
+}
+
 TEST(LandmarkVotes, StoredWordsVoteAsDerivedOnes) {
   const SyntheticStreet stored(StreetShape::kTwoWalls, 600,
                                [](CraftedBundle* bundle) { bundle->AddWords(); });
