@@ -7,6 +7,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "common/base/log.h"
+#include "common/map/map_bundle.h"
+#include "runtime/retrieval/retrieval.h"
 #include "tests/e2e/data_set.h"
 #include "tests/e2e/truth.h"
 
@@ -271,12 +273,34 @@ fs::path WithoutDepth(const TownData& data, const std::string& name, Without wit
   return WriteDataSet(data, name, set);
 }
 
+// By the words of its pictures a panorama's views are the most similar to themselves.
+void ExpectViewsFindThemselves(const fs::path& map, const std::string& panorama_id) {
+  const std::shared_ptr<const MapBundle> bundle = MapBundle::Open(map).value();
+  RetrievalOptions words_alone;
+  words_alone.use_landmarks = false;
+  const Retrieval retrieval(bundle, words_alone);
+  const FeatureSet no_features;
+  std::size_t num_views = 0;
+  for (std::uint32_t v = 0; v < bundle->views().size(); ++v) {
+    if (bundle->panoramas()[bundle->views()[v].panorama_idx].id != panorama_id) continue;
+    const BagOfWords bag = bundle->BagOf(v);
+    const RetrievalResult found =
+        retrieval.Global({bag, no_features, {}, bundle->manifest().camera, {}});
+    ASSERT_FALSE(found.views.empty());
+    EXPECT_EQ(found.views[0].view_idx, v);
+    ++num_views;
+  }
+  EXPECT_GE(num_views, bundle->views_per_station());
+}
+
 TEST_F(DegenerateInput, APanoramaWithoutDepthServesRetrieval) {
   const fs::path map = data_->root() / "gap";
   const Outcome built = BuildByDefault(
       WithoutDepth(*data_, "gap.geojson", [](std::size_t i) { return i == 3; }), map);
   ASSERT_EQ(built.exit_code, 0) << built.errors;
-  EXPECT_EQ(ReadJson(map.string() + ".report.json")["without_depth"].size(), 1U);
+  const Json without_depth = ReadJson(map.string() + ".report.json")["without_depth"];
+  ASSERT_EQ(without_depth.size(), 1U);
+  ExpectViewsFindThemselves(map, without_depth[0]["id"].get<std::string>());
   const std::vector<Shot> shots = MappedShots();
   const std::vector<PoseRow> rows = Run(map, MakeDrive("gap_drive", shots));
   ExpectHonest(rows, shots);
