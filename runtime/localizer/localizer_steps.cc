@@ -238,8 +238,9 @@ void Localizer::Impl::Fill(const PoseOutcome& outcome, const LocalFrame& local,
 std::vector<Rigid3> Localizer::Impl::PlacesElsewhere(const FrameFeatures& features,
                                                      const Rigid3& cam_from_local,
                                                      const LocalFrame& local) const {
-  const std::vector<float> counted =
-      votes.empty() ? retrieval.Votes(features.sift, features.bearings, camera) : votes;
+  std::vector<float> own_votes;
+  if (votes.empty()) own_votes = retrieval.Votes(features.sift, features.bearings, camera);
+  const std::vector<float>& counted = votes.empty() ? own_votes : votes;
   std::vector<std::pair<float, std::uint32_t>> elsewhere;
   std::vector<Rigid3> poses;
   const auto is_near = [&](const Rigid3& a, const Rigid3& b) {

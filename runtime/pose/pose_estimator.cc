@@ -3,7 +3,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <tuple>
@@ -17,7 +16,6 @@ namespace panofix {
 namespace {
 
 constexpr double kAnyTurn_rad = 4;
-constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 
 struct Hypothesis {
   Rigid3 cam_from_local;
@@ -215,15 +213,24 @@ PoseOutcome PoseAtView(const Scene& scene, const Rigid3& rough, const PoseOption
                       MatchNear(scene, found.cam_from_map, options.around_px, options), options);
 }
 
-// Poses of the retrieved views, rough ones of the camera. Views of neighbouring stations in one
-// direction would start the same search.
-std::vector<Rigid3> RoughPoses(const PoseContext& context, const std::vector<ViewMatches>& views) {
-  constexpr double kNextStation_m = 3.5, kNextView_rad = 0.5;
+// How far poses must be from each other not to start the same search.
+struct Apart {
+  double distance_m, turn_rad;
+};
+
+// Poses of the retrieved views, rough ones of the camera: at most `most` that are no repeats of
+// each other nor of `known`.
+std::vector<Rigid3> RoughPoses(const PoseContext& context, const std::vector<ViewMatches>& views,
+                               int most, const Apart& apart,
+                               const std::vector<Rigid3>& known = {}) {
   std::vector<Rigid3> poses;
   for (const ViewMatches& view : views) {
-    if (static_cast<int>(poses.size()) == context.options.max_view_poses) break;
+    if (static_cast<int>(poses.size()) == most) break;
     const Rigid3 rough = PoseOfView(context.bundle, context.local, view.view_idx);
-    if (!IsRepeat(rough, poses, kNextStation_m, kNextView_rad)) poses.push_back(rough);
+    const auto is_repeat = [&](const std::vector<Rigid3>& of) {
+      return IsRepeat(rough, of, apart.distance_m, apart.turn_rad);
+    };
+    if (!is_repeat(known) && !is_repeat(poses)) poses.push_back(rough);
   }
   return poses;
 }
@@ -232,29 +239,23 @@ std::vector<Rigid3> RoughPoses(const PoseContext& context, const std::vector<Vie
 void RefuseLookAlike(const PoseContext& context, const std::vector<ViewMatches>& views,
                      const MatchPool& pool, Candidates* candidates) {
   const PoseOptions& options = context.options;
-  const auto max_rivals = static_cast<std::size_t>(options.max_rivals);
-  const Rigid3 found = candidates->best().cam_from_local;
   std::vector<Rigid3> unknown;
-  for (const Hypothesis& h : DistinctBest(candidates->hypotheses(), kAll)) {
+  const std::vector<Hypothesis>& hypotheses = candidates->hypotheses();
+  for (const Hypothesis& h : DistinctBest(hypotheses, hypotheses.size())) {
     const auto is_near = [&](const Rigid3& pose) {
       return !candidates->IsElsewhere(h.cam_from_local, pose);
     };
-    if (unknown.size() < max_rivals && std::none_of(unknown.begin(), unknown.end(), is_near) &&
+    if (static_cast<int>(unknown.size()) == options.max_rivals) break;
+    if (std::none_of(unknown.begin(), unknown.end(), is_near) &&
         std::none_of(candidates->all().begin(), candidates->all().end(),
                      [&](const PoseOutcome& c) { return is_near(c.cam_from_local); })) {
       unknown.push_back(h.cam_from_local);
     }
   }
   // Retrieval knows of places that no consensus has led to.
-  std::vector<Rigid3> places;
-  for (const ViewMatches& view : views) {
-    const Rigid3 rough = PoseOfView(context.bundle, context.local, view.view_idx);
-    if (places.size() < max_rivals &&
-        (CentreOf(rough) - CentreOf(found)).norm() >= options.rival_place_m &&
-        !IsRepeat(rough, places, options.rival_place_m, kAnyTurn_rad)) {
-      places.push_back(rough);
-    }
-  }
+  const std::vector<Rigid3> places =
+      RoughPoses(context, views, options.max_rivals, {options.rival_place_m, kAnyTurn_rad},
+                 {candidates->best().cam_from_local});
   const Scene& scene = candidates->scene();
   candidates->ConsiderAll(unknown.size() + places.size(), [&](std::size_t i) {
     return i < unknown.size()
@@ -309,7 +310,9 @@ PoseOutcome EstimatePose(const PoseContext& context, const std::vector<ViewMatch
   const bool repeats =
       !context.prior && best.reason == kAmbiguousPlace && best.num_inliers >= options.find_inliers;
   if (options.use_guided && !repeats) {
-    const std::vector<Rigid3> roughs = RoughPoses(context, views);
+    constexpr Apart kNextView{3.5, 0.5};  // neighbouring stations, in one direction
+    const std::vector<Rigid3> roughs =
+        RoughPoses(context, views, options.max_view_poses, kNextView);
     candidates.ConsiderEach(
         roughs.size(), [&] { return !best.trusted; },
         [&](std::size_t i) { return PoseAtView(scene, roughs[i], options); });
